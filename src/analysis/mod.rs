@@ -1,0 +1,19 @@
+//! Analyses: an unchecked request becomes a checked [`Plan`], a plan and its inputs become a [`Report`].
+//!
+//! One file per kind. Nothing here knows about HTTP, databases or clocks: a [`Problem`] says what is wrong in words and
+//! leaves the status code to the API.
+
+pub mod frequency_response;
+pub mod ids;
+pub mod inputs;
+pub mod kind;
+pub mod plan;
+pub mod problem;
+pub mod report;
+pub mod ssid;
+
+pub use inputs::{Library, References, StoredTrial};
+pub use kind::{Kind, Request};
+pub use plan::{Failure, Plan};
+pub use problem::{Code, Problem};
+pub use report::{Provenance, Report, Warning};

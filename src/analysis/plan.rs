@@ -1,0 +1,81 @@
+//! From a request to a report, whatever the kind.
+
+use super::inputs::{Library, References};
+use super::kind::{Kind, Request};
+use super::problem::Problem;
+use super::report::Report;
+use super::{frequency_response, ssid};
+use crate::num::{Ctl, Stopped};
+
+/// A checked request: everything that can be checked without its inputs has been.
+#[derive(Debug, Clone)]
+pub enum Plan {
+    /// See [`frequency_response`].
+    FrequencyResponse(frequency_response::Plan),
+    /// See [`ssid`].
+    Ssid(ssid::Plan),
+}
+
+/// Why a plan came to no report.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Failure {
+    /// Somebody asked it to stop.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
+    /// It cannot be done, for a reason that the person who asked can read.
+    #[error(transparent)]
+    Problem(#[from] Problem),
+}
+
+impl Plan {
+    /// Checks a request.
+    ///
+    /// # Errors
+    /// A [`Problem`] that names the field by its JSON pointer.
+    pub fn parse(request: &Request) -> Result<Self, Problem> {
+        match request.kind.parse()? {
+            Kind::FrequencyResponse => frequency_response::Plan::parse(request).map(Self::FrequencyResponse),
+            Kind::Ssid => ssid::Plan::parse(request).map(Self::Ssid),
+        }
+    }
+
+    /// The kind.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        match self {
+            Self::FrequencyResponse(_) => Kind::FrequencyResponse,
+            Self::Ssid(_) => Kind::Ssid,
+        }
+    }
+
+    /// The stored things that it needs.
+    #[must_use]
+    pub fn references(&self) -> References {
+        match self {
+            Self::FrequencyResponse(plan) => plan.references(),
+            Self::Ssid(plan) => plan.references(),
+        }
+    }
+
+    /// The request with every default filled in; parsing it again gives an equal plan.
+    #[must_use]
+    pub fn request(&self) -> Request {
+        match self {
+            Self::FrequencyResponse(plan) => plan.request(),
+            Self::Ssid(plan) => plan.request(),
+        }
+    }
+
+    /// Computes the report. Deterministic but for the times, which the caller adds.
+    ///
+    /// Runs on the rayon pool that it is called in.
+    ///
+    /// # Errors
+    /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question.
+    pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
+        match self {
+            Self::FrequencyResponse(plan) => plan.run(library, ctl),
+            Self::Ssid(plan) => plan.run(library, ctl),
+        }
+    }
+}

@@ -1,0 +1,15 @@
+//! Volition identifies the control law, and the intent, behind recorded human motion.
+#![cfg_attr(test, allow(clippy::unwrap_used))]
+
+pub mod analysis;
+pub mod api;
+pub mod app;
+pub mod control;
+pub mod identify;
+pub mod jobs;
+pub mod learning;
+pub mod num;
+pub mod plants;
+pub mod store;
+pub mod trial;
+pub mod worker;

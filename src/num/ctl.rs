@@ -1,0 +1,112 @@
+//! The handle between a computation and whoever waits for it.
+//!
+//! A kernel calls [`Ctl::check`] often enough to stop within half a second and reports its progress with
+//! [`Ctl::set_total`] and [`Ctl::advance`]. Whoever waits calls [`Ctl::stop`] and [`Ctl::progress`]. There is no clock
+//! here: a deadline is somebody with a clock calling `stop(StopReason::Deadline)`.
+
+use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+
+/// Why a computation was asked to stop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum StopReason {
+    /// A person cancelled the analysis.
+    Cancelled = 1,
+    /// The time that the analysis was given has passed.
+    Deadline = 2,
+    /// The lease went to another worker; whatever is computed now would be thrown away.
+    LeaseLost = 3,
+    /// The process is going down and hands the work back.
+    Shutdown = 4,
+}
+
+/// The computation stopped early because it was asked to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("stopped before the end ({0:?})")]
+pub struct Stopped(pub StopReason);
+
+/// How far a computation has come, in units of its own choosing (candidates, trials, frequencies).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Progress {
+    /// Units finished.
+    pub done: u64,
+    /// Units in all; 0 while it is not known yet.
+    pub total: u64,
+}
+
+/// Shared between the threads of one computation and its watcher.
+#[derive(Debug, Default)]
+pub struct Ctl {
+    stop: AtomicU8,
+    done: AtomicU64,
+    total: AtomicU64,
+}
+
+impl Ctl {
+    /// A handle that nobody has stopped yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Asks the computation to stop. The first reason given is the one that counts.
+    pub fn stop(&self, reason: StopReason) {
+        // A failed exchange means that an earlier reason stands, which is what is wanted.
+        let _ = self.stop.compare_exchange(0, reason as u8, Ordering::Relaxed, Ordering::Relaxed);
+    }
+
+    /// `Err` once somebody asked the computation to stop.
+    ///
+    /// # Errors
+    /// [`Stopped`] with the first reason given to [`Ctl::stop`].
+    pub fn check(&self) -> Result<(), Stopped> {
+        match self.stop.load(Ordering::Relaxed) {
+            0 => Ok(()),
+            1 => Err(Stopped(StopReason::Cancelled)),
+            2 => Err(Stopped(StopReason::Deadline)),
+            3 => Err(Stopped(StopReason::LeaseLost)),
+            _ => Err(Stopped(StopReason::Shutdown)),
+        }
+    }
+
+    /// Says how many units there are in all, and starts counting from none.
+    pub fn set_total(&self, total: u64) {
+        self.done.store(0, Ordering::Relaxed);
+        self.total.store(total, Ordering::Relaxed);
+    }
+
+    /// Says that `units` more are finished.
+    pub fn advance(&self, units: u64) {
+        self.done.fetch_add(units, Ordering::Relaxed);
+    }
+
+    /// How far the computation has come.
+    #[must_use]
+    pub fn progress(&self) -> Progress {
+        let total = self.total.load(Ordering::Relaxed);
+        Progress { done: self.done.load(Ordering::Relaxed).min(total), total }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_reason_stands() {
+        let ctl = Ctl::new();
+        assert_eq!(ctl.check(), Ok(()));
+        ctl.stop(StopReason::Cancelled);
+        ctl.stop(StopReason::Deadline);
+        assert_eq!(ctl.check(), Err(Stopped(StopReason::Cancelled)));
+    }
+
+    #[test]
+    fn progress_never_passes_the_total() {
+        let ctl = Ctl::new();
+        ctl.set_total(10);
+        ctl.advance(7);
+        ctl.advance(7);
+        assert_eq!(ctl.progress(), Progress { done: 10, total: 10 });
+    }
+}

@@ -1,0 +1,14 @@
+//! Numbers: polynomials, small dense linear algebra, statistics, seeded random streams, and the handle
+//! ([`Ctl`]) through which a long computation is watched and stopped.
+//!
+//! Nothing here knows about control theory, files, clocks or threads.
+
+pub mod ctl;
+pub mod linalg;
+pub mod poly;
+pub mod rng;
+pub mod stats;
+
+pub use ctl::{Ctl, Progress, StopReason, Stopped};
+pub use num_complex::Complex64;
+pub use poly::Polynomial;

@@ -1,0 +1,365 @@
+//! What the store takes and gives, in the words of the domain.
+
+use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
+use crate::analysis::{Kind, Problem, Report, Request};
+use crate::control::Model;
+use crate::jobs::Status;
+use crate::num::Progress;
+use crate::trial::Trial;
+use time::OffsetDateTime;
+
+/// A key that makes a repeated request harmless, with the hash of the request it was first used for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct IdempotencyKey {
+    /// The client's key.
+    pub key: String,
+    /// SHA-256 of the request, in hexadecimal.
+    pub request_sha256: String,
+}
+
+/// The outcome of storing something.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Created<T> {
+    /// It is new.
+    New(T),
+    /// The same idempotent request was made before; this is what it made then.
+    Replayed(T),
+    /// The same content is stored already; this is it.
+    Duplicate(T),
+}
+
+impl<T> Created<T> {
+    /// What is stored, new or not.
+    pub fn into_inner(self) -> T {
+        match self {
+            Self::New(value) | Self::Replayed(value) | Self::Duplicate(value) => value,
+        }
+    }
+}
+
+/// A page of a list in creation order: at most `limit` rows with ids greater than `after`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Page {
+    /// The last id of the page before; `None` from the start.
+    pub after: Option<uuid::Uuid>,
+    /// Rows at most.
+    pub limit: u32,
+}
+
+/// A study as asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewStudy {
+    /// Its name.
+    pub name: String,
+    /// What it is about.
+    pub description: String,
+    /// A trial whose |y| passes this is divergent; `None` where there is no limit.
+    pub display_limit: Option<f64>,
+}
+
+/// A study.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Study {
+    /// Its id.
+    pub id: StudyId,
+    /// Its name.
+    pub name: String,
+    /// What it is about.
+    pub description: String,
+    /// A trial whose |y| passes this is divergent.
+    pub display_limit: Option<f64>,
+    /// Counts changes, from 1; the ETag.
+    pub version: i64,
+    /// When it was made.
+    pub created_at: OffsetDateTime,
+    /// When it last changed.
+    pub updated_at: OffsetDateTime,
+}
+
+/// Changes to a study; `None` leaves a field as it is.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct StudyPatch {
+    /// A new name.
+    pub name: Option<String>,
+    /// A new description.
+    pub description: Option<String>,
+    /// A new display limit, or none at all.
+    pub display_limit: Option<Option<f64>>,
+}
+
+/// A plant as asked for; its model has been checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewPlant {
+    /// Its name, unique within the study.
+    pub name: String,
+    /// Its model.
+    pub model: Model,
+}
+
+/// A plant. Its model never changes: results were computed with it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plant {
+    /// Its id.
+    pub id: PlantId,
+    /// Its study.
+    pub study: StudyId,
+    /// Its name.
+    pub name: String,
+    /// Its model.
+    pub model: Model,
+    /// Counts changes, from 1; the ETag.
+    pub version: i64,
+    /// When it was made.
+    pub created_at: OffsetDateTime,
+    /// When it last changed.
+    pub updated_at: OffsetDateTime,
+}
+
+/// A subject as asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewSubject {
+    /// Pseudonym, unique within the study.
+    pub code: String,
+    /// Group.
+    pub group: Option<String>,
+    /// Free attributes, a JSON object.
+    pub attributes: serde_json::Value,
+}
+
+/// A subject.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Subject {
+    /// Its id.
+    pub id: SubjectId,
+    /// Its study.
+    pub study: StudyId,
+    /// Pseudonym.
+    pub code: String,
+    /// Group.
+    pub group: Option<String>,
+    /// Free attributes, a JSON object.
+    pub attributes: serde_json::Value,
+    /// Counts changes, from 1; the ETag.
+    pub version: i64,
+    /// When it was made.
+    pub created_at: OffsetDateTime,
+    /// When it last changed.
+    pub updated_at: OffsetDateTime,
+}
+
+/// Changes to a subject; `None` leaves a field as it is.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SubjectPatch {
+    /// A new pseudonym.
+    pub code: Option<String>,
+    /// A new group, or none.
+    pub group: Option<Option<String>>,
+    /// New attributes, replacing all old ones.
+    pub attributes: Option<serde_json::Value>,
+}
+
+/// A trial as asked for: parsed, checked and measured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewTrial {
+    /// The plant it was recorded on; of the subject's study.
+    pub plant: PlantId,
+    /// Its number, from 1; unique within the subject and session.
+    pub number: i64,
+    /// Its session.
+    pub session: Option<i64>,
+    /// The recording.
+    pub trial: Trial,
+    /// SHA-256 of its content, in hexadecimal.
+    pub sha256: String,
+    /// The largest |y|, from which divergence is judged against the study's present limit.
+    pub max_abs_output: f64,
+    /// Time-domain metrics as `learning` wrote them, a JSON object.
+    pub metrics: serde_json::Value,
+}
+
+/// A trial without its signals.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrialRecord {
+    /// Its id.
+    pub id: TrialId,
+    /// Its study.
+    pub study: StudyId,
+    /// Its subject.
+    pub subject: SubjectId,
+    /// The plant it was recorded on.
+    pub plant: PlantId,
+    /// Its number.
+    pub number: i64,
+    /// Its session.
+    pub session: Option<i64>,
+    /// Time between samples, in seconds.
+    pub sample_time_s: f64,
+    /// Number of samples.
+    pub samples: u64,
+    /// Whether a disturbance was recorded.
+    pub has_disturbance: bool,
+    /// SHA-256 of the content, in hexadecimal.
+    pub sha256: String,
+    /// The largest |y|.
+    pub max_abs_output: f64,
+    /// Whether |y| passed the display limit that the study has now.
+    pub divergent: bool,
+    /// Time-domain metrics, a JSON object.
+    pub metrics: serde_json::Value,
+    /// Counts changes, from 1; the ETag.
+    pub version: i64,
+    /// When it was uploaded.
+    pub created_at: OffsetDateTime,
+    /// When it last changed.
+    pub updated_at: OffsetDateTime,
+}
+
+/// Changes to a trial; `None` leaves a field as it is.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct TrialPatch {
+    /// A new number.
+    pub number: Option<i64>,
+    /// A new session, or none.
+    pub session: Option<Option<i64>>,
+}
+
+/// Which trials of a study.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct TrialFilter {
+    /// Only subjects of this group.
+    pub group: Option<String>,
+    /// Only this subject.
+    pub subject: Option<SubjectId>,
+    /// Only this plant.
+    pub plant: Option<PlantId>,
+    /// Only this session.
+    pub session: Option<i64>,
+    /// Only numbers from here on.
+    pub number_from: Option<i64>,
+    /// Only numbers up to here.
+    pub number_to: Option<i64>,
+    /// Divergent trials too.
+    pub include_divergent: bool,
+}
+
+/// An analysis as asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewAnalysis {
+    /// The study, where the inputs are stored things.
+    pub study: Option<StudyId>,
+    /// The kind.
+    pub kind: Kind,
+    /// The request with its defaults filled in.
+    pub request: Request,
+    /// SHA-256 of the spec with its defaults filled in.
+    pub spec_sha256: String,
+    /// The stored trials that it uses.
+    pub trials: Vec<TrialId>,
+    /// The stored plants that it uses.
+    pub plants: Vec<PlantId>,
+}
+
+/// An analysis: the row is the job.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AnalysisRecord {
+    /// Its id.
+    pub id: AnalysisId,
+    /// The study, where the inputs are stored things.
+    pub study: Option<StudyId>,
+    /// The kind.
+    pub kind: Kind,
+    /// The request with its defaults filled in.
+    pub request: Request,
+    /// SHA-256 of the spec.
+    pub spec_sha256: String,
+    /// Where it stands.
+    pub status: Status,
+    /// How often a worker took it.
+    pub attempts: u32,
+    /// How far it is.
+    pub progress: Progress,
+    /// Whether somebody asked for it to be cancelled.
+    pub cancel_requested: bool,
+    /// What went wrong, if it failed.
+    pub problem: Option<Problem>,
+    /// Counts changes, from 1; the ETag.
+    pub version: i64,
+    /// When it was asked for.
+    pub created_at: OffsetDateTime,
+    /// When the present or last attempt began.
+    pub started_at: Option<OffsetDateTime>,
+    /// When it finished.
+    pub finished_at: Option<OffsetDateTime>,
+    /// When anything about it last changed.
+    pub updated_at: OffsetDateTime,
+}
+
+/// Which analyses to list.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct AnalysisFilter {
+    /// Only of this study.
+    pub study: Option<StudyId>,
+    /// Only those that use this trial.
+    pub trial: Option<TrialId>,
+    /// Only of this kind.
+    pub kind: Option<Kind>,
+    /// Only in this status.
+    pub status: Option<Status>,
+}
+
+/// The report of an analysis of a single trial.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrialReport {
+    /// The trial.
+    pub trial: TrialId,
+    /// The analysis.
+    pub analysis: AnalysisId,
+    /// SHA-256 of its spec.
+    pub spec_sha256: String,
+    /// When it was asked for.
+    pub created_at: OffsetDateTime,
+    /// The report.
+    pub report: Report,
+}
+
+/// The right to write to a running analysis.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Lease {
+    /// The analysis.
+    pub analysis: AnalysisId,
+    /// A token that only this claim has.
+    pub token: String,
+}
+
+/// Work taken by a worker.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Claim {
+    /// The right to write to it.
+    pub lease: Lease,
+    /// The request with its defaults filled in.
+    pub request: Request,
+    /// Which attempt this is, from 1.
+    pub attempt: u32,
+}
+
+/// What a heartbeat learned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Held {
+    /// Still ours.
+    Yes,
+    /// Still ours, and somebody asked for it to be cancelled.
+    CancelRequested,
+    /// Not ours any more.
+    Lost,
+}
+
+/// What a rescue did.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Rescued {
+    /// Back in the queue.
+    pub requeued: Vec<AnalysisId>,
+    /// Failed, since their attempts are used up.
+    pub failed: Vec<AnalysisId>,
+    /// Cancelled, since that was asked for while their worker died.
+    pub cancelled: Vec<AnalysisId>,
+}

@@ -1,0 +1,107 @@
+//! The signals of a trial, checked.
+
+use sha2::{Digest, Sha256};
+
+/// A column of a trial.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Channel {
+    /// Time, `t`, in seconds.
+    Time,
+    /// Command, `r`: the reference that the person follows.
+    Command,
+    /// Control, `u`: what the person does (the plant's input).
+    Control,
+    /// Output, `y`: the plant's output, which the person sees.
+    Output,
+    /// Disturbance, `d`: added to the control at the plant's input.
+    Disturbance,
+}
+
+impl Channel {
+    /// All channels, in the order in which they are written.
+    pub const ALL: [Self; 5] = [Self::Time, Self::Command, Self::Control, Self::Output, Self::Disturbance];
+
+    /// The one-letter name used in column headers and JSON.
+    #[must_use]
+    pub fn letter(self) -> &'static str {
+        match self {
+            Self::Time => "t",
+            Self::Command => "r",
+            Self::Control => "u",
+            Self::Output => "y",
+            Self::Disturbance => "d",
+        }
+    }
+}
+
+/// Equally long columns of finite numbers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Signals {
+    /// The time column as recorded, in seconds; `None` where only a sample time was given.
+    pub time_s: Option<Vec<f64>>,
+    /// Command r.
+    pub command: Vec<f64>,
+    /// Control u.
+    pub control: Vec<f64>,
+    /// Output y.
+    pub output: Vec<f64>,
+    /// Disturbance d at the plant input; `None` where none was recorded.
+    pub disturbance: Option<Vec<f64>>,
+}
+
+impl Signals {
+    /// The column of a channel, where there is one.
+    #[must_use]
+    pub fn channel(&self, channel: Channel) -> Option<&[f64]> {
+        match channel {
+            Channel::Time => self.time_s.as_deref(),
+            Channel::Command => Some(&self.command),
+            Channel::Control => Some(&self.control),
+            Channel::Output => Some(&self.output),
+            Channel::Disturbance => self.disturbance.as_deref(),
+        }
+    }
+}
+
+/// A recorded trial whose columns are equally long, finite and equally spaced in time.
+///
+/// Made by the readers of this module's siblings, which refuse anything else.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trial {
+    /// Time between samples, in seconds.
+    pub sample_time_s: f64,
+    /// The columns.
+    pub signals: Signals,
+}
+
+impl Trial {
+    /// The number of samples.
+    #[must_use]
+    pub fn samples(&self) -> usize {
+        self.signals.output.len()
+    }
+
+    /// The command-following error `e = r − y`, sample by sample.
+    #[must_use]
+    pub fn error(&self) -> Vec<f64> {
+        self.signals.command.iter().zip(&self.signals.output).map(|(r, y)| r - y).collect()
+    }
+
+    /// SHA-256 of the sample time and of every column with its name, each number by its bits (little endian).
+    ///
+    /// The same recording has the same hash whether it came as CSV or JSON, compressed or not.
+    #[must_use]
+    pub fn content_sha256(&self) -> [u8; 32] {
+        let mut hasher = Sha256::new();
+        hasher.update(self.sample_time_s.to_le_bytes());
+        for channel in Channel::ALL {
+            let Some(column) = self.signals.channel(channel) else { continue };
+            hasher.update(channel.letter());
+            hasher.update((column.len() as u64).to_le_bytes());
+            for value in column {
+                hasher.update(value.to_le_bytes());
+            }
+        }
+        hasher.finalize().into()
+    }
+}
