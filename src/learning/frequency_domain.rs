@@ -190,7 +190,7 @@ fn sample_time_s(system: &System) -> Option<f64> {
 }
 
 /// Numerator and denominator at the angular frequency `omega`.
-fn fraction(system: &System, omega: f64) -> (Complex64, Complex64) {
+pub(super) fn fraction(system: &System, omega: f64) -> (Complex64, Complex64) {
     use crate::control::TimeBase as _;
     match system {
         System::Continuous(g) => {
