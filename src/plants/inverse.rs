@@ -61,7 +61,7 @@ impl ApproximateInverse {
         } else {
             let reflected: Vec<Complex64> =
                 zeros.iter().map(|z| if z.re > 0.0 { Complex64::new(-z.re, z.im) } else { *z }).collect();
-            let sign = if mirrored.len() % 2 == 0 { 1.0 } else { -1.0 };
+            let sign = if mirrored.len().is_multiple_of(2) { 1.0 } else { -1.0 };
             Polynomial::from_roots(&reflected).scale(sign * plant.num().leading())
         };
         let order = usize::try_from(plant.relative_degree()).unwrap_or(0);

@@ -8,7 +8,7 @@ use super::inverse::{ApproximateInverse, InverseError};
 use crate::control::bode::log_grid;
 use crate::control::conversion::{self, ConversionError};
 use crate::control::discretise::{self, DiscretiseError};
-use crate::control::simulate::{self, Hold, SimulationError};
+use crate::control::simulate::SimulationError;
 use crate::control::time_base::BadSampleTime;
 use crate::control::{Continuous, Discrete, StateSpace, TransferFunction};
 use crate::num::linalg::NoConvergence;
@@ -23,6 +23,9 @@ use utoipa::ToSchema;
 
 /// Where in the band of usual commands (0 – 0.5 Hz) the preview makes up for the delay of mirrored zeros, rad/s.
 const PREVIEW_OMEGA_RAD_S: f64 = 2.0;
+
+/// Time over which the preview fades in at the start of a trial, s.
+const FADE_IN_S: f64 = 1.0;
 
 /// Poles with a real part above this fraction of their magnitude are unstable; the rest counts as rounding.
 const POLE_ROUNDING: f64 = 1e-9;
@@ -138,7 +141,7 @@ pub enum SubjectError {
     /// The plant has no state space form.
     #[error(transparent)]
     Conversion(#[from] ConversionError),
-    /// The feedforward could not be simulated, or the trial overflowed.
+    /// The signals differ in length, or the trial overflowed.
     #[error(transparent)]
     Simulation(#[from] SimulationError),
     /// The sample time is not positive.
@@ -168,7 +171,8 @@ pub struct SimulatedSubject {
     plant: StateSpace<Discrete>,
     /// Gain g of the untaught feedforward.
     plain_gain: f64,
-    inverse: ApproximateInverse,
+    /// F of the learned feedforward, for an input that goes straight from sample to sample.
+    inverse: StateSpace<Discrete>,
     preview_samples: usize,
     feedback: Feedback,
 }
@@ -216,7 +220,7 @@ impl SimulatedSubject {
         let time = Discrete::new(sample_time_s)?;
         let poles = plant.poles()?;
         let integrators = poles.iter().filter(|p| p.norm() == 0.0).count();
-        let is_unstable = |p: &&Complex64| p.re > -POLE_ROUNDING * p.norm() && (p.norm() > 0.0 || integrators > 1);
+        let is_unstable = |p: &&Complex64| p.re >= -POLE_ROUNDING * p.norm() && (p.norm() > 0.0 || integrators > 1);
         if let Some(pole) = poles.iter().find(is_unstable) {
             return Err(SubjectError::UnstablePlant { re: pole.re, im: pole.im });
         }
@@ -231,12 +235,15 @@ impl SimulatedSubject {
             inverse.smoothing_delay_s + parameters.preview_fraction * inverse.all_pass_delay_s(PREVIEW_OMEGA_RAD_S);
         Ok(Self {
             plain_gain: sign * parameters.initial_gain / plant.response(1.0).norm(),
+            inverse: discretise::first_order_hold_state_space(
+                &conversion::to_state_space(&inverse.filter)?.balanced(),
+                time,
+            )?,
             preview_samples: (preview_s / sample_time_s).round() as usize,
             parameters,
             seed,
             time,
             plant: sampled,
-            inverse,
             feedback,
         })
     }
@@ -264,8 +271,9 @@ impl SimulatedSubject {
     pub fn feedforward_response(&self, number: u32, omega_rad_s: f64) -> Complex64 {
         let share = self.inverse_share(number);
         let preview = omega_rad_s * self.time.period_s() * self.preview_samples as f64;
-        (1.0 - share) * self.plain_gain
-            + share * self.inverse.filter.response(omega_rad_s) * Complex64::from_polar(1.0, preview)
+        // F is stable, so no pole lies on the frequency axis.
+        let inverse = self.inverse.response(omega_rad_s).map_or(Complex64::new(0.0, 0.0), |m| m[(0, 0)]);
+        (1.0 - share) * self.plain_gain + share * inverse * Complex64::from_polar(1.0, preview)
     }
 
     /// The plant as sampled, at the angular frequency `omega_rad_s`; not finite at a pole.
@@ -299,7 +307,7 @@ impl SimulatedSubject {
             let (signal, expected) = ("disturbance", samples);
             return Err(SimulationError::Length { signal, samples: d.len(), expected }.into());
         }
-        let ideal = self.ideal_control(command)?;
+        let ideal = self.ideal_control(command);
         let share = self.inverse_share(number);
         let remnant = self.remnant(number, &ideal);
 
@@ -338,11 +346,31 @@ impl SimulatedSubject {
         })
     }
 
-    /// The ideal control `F r(t + preview)`; the command stays at its last value beyond its end.
-    fn ideal_control(&self, command: &[f64]) -> Result<Vec<f64>, SubjectError> {
+    /// The ideal control `F r(t + preview)`.
+    ///
+    /// Over the first second the preview fades in (nobody acts before the trial begins); beyond its end the command goes on as
+    /// its mirror image through the last point, so that there is no kink for F to differentiate.
+    fn ideal_control(&self, command: &[f64]) -> Vec<f64> {
         let last = command.len() - 1;
-        let previewed: Vec<f64> = (0..=last).map(|k| command[(k + self.preview_samples).min(last)]).collect();
-        Ok(simulate::sampled_response(&self.inverse.filter, &previewed, self.time, Hold::First)?)
+        let ahead = |k: usize| match k.checked_sub(last) {
+            None => command[k],
+            Some(beyond) => 2.0 * command[last] - command[last - beyond.min(last)],
+        };
+        let fade = |k: usize| {
+            let part = (k as f64 * self.time.period_s() / FADE_IN_S).min(1.0);
+            part * part * (3.0 - 2.0 * part)
+        };
+        let (mut state, mut next) = (DVector::zeros(self.inverse.states()), DVector::zeros(self.inverse.states()));
+        (0..=last)
+            .map(|k| {
+                let input = fade(k) * ahead(k + self.preview_samples);
+                let output = self.inverse.c().row(0).tr_dot(&state) + self.inverse.d()[(0, 0)] * input;
+                next.gemv(1.0, self.inverse.a(), &state, 0.0);
+                next.axpy(input, &self.inverse.b().column(0), 1.0);
+                std::mem::swap(&mut state, &mut next);
+                output
+            })
+            .collect()
     }
 
     /// Coloured noise with a standard deviation relative to the rms of the ideal control, stationary from the start.
