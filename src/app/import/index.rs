@@ -95,9 +95,9 @@ pub fn read(folder: &Path, name: Option<&Path>, conditions: &[Condition]) -> any
         }
     }
     let total = records.len();
-    let kept = records.into_iter().filter(|(_, record)| {
-        conditions.iter().all(|c| record.get(&c.column).is_some_and(|v| text_of(v) == c.value))
-    });
+    let kept = records
+        .into_iter()
+        .filter(|(_, record)| conditions.iter().all(|c| record.get(&c.column).is_some_and(|v| text_of(v) == c.value)));
     let rows: Vec<_> = kept.map(|(place, record)| row(&place, record)).collect();
     let mut extra_columns: Vec<String> = rows.iter().flatten().flat_map(|r| r.extras.keys().cloned()).collect();
     extra_columns.sort();
@@ -135,7 +135,9 @@ fn read_json(path: &Path) -> anyhow::Result<Vec<Record>> {
     let records: Vec<Map<String, Value>> =
         serde_json::from_str(&std::fs::read_to_string(path)?).context("it must be a JSON array of objects")?;
     let numbered = records.into_iter().enumerate();
-    Ok(numbered.map(|(i, r)| (format!("entry {i} of the index"), r.into_iter().filter(|(_, v)| !v.is_null()).collect())).collect())
+    Ok(numbered
+        .map(|(i, r)| (format!("entry {i} of the index"), r.into_iter().filter(|(_, v)| !v.is_null()).collect()))
+        .collect())
 }
 
 fn text_of(value: &Value) -> String {

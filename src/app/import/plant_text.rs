@@ -280,7 +280,9 @@ mod tests {
         assert_eq!(parse("1/(s-s)"), Err(PlantTextError::ZeroDivisor));
         assert_eq!(parse("s^99"), Err(PlantTextError::PowerTooHigh));
         assert_eq!(parse(&"(".repeat(400)), Err(PlantTextError::TooLong));
-        for (text, position) in [("", 1), ("1/(s", 5), ("K/s", 1), ("1/x", 3), ("1/s)", 4), ("e3", 1), ("1e999", 1), ("s^", 3)] {
+        for (text, position) in
+            [("", 1), ("1/(s", 5), ("K/s", 1), ("1/x", 3), ("1/s)", 4), ("e3", 1), ("1e999", 1), ("s^", 3)]
+        {
             match parse(text) {
                 Err(PlantTextError::Expected { position: found, .. }) => assert_eq!(found, position, "{text}"),
                 other => panic!("{text}: {other:?}"),
