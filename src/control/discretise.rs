@@ -109,7 +109,8 @@ fn check_response(result: &TransferFunction<Discrete>, exact: &StateSpace<Discre
         let wanted = wanted[(0, 0)];
         let error = (result.response(omega_rad_s) - wanted).norm() / wanted.norm();
         // A response of zero has no relative error; a NaN must not pass.
-        if wanted.norm() > 0.0 && !(error <= RESPONSE_TOLERANCE) {
+        let is_close = wanted.norm() == 0.0 || error <= RESPONSE_TOLERANCE;
+        if !is_close {
             return Err(DiscretiseError::IllConditioned { sample_time_s: time.period_s(), error, omega_rad_s });
         }
     }
