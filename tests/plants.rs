@@ -23,8 +23,21 @@ fn look() {
     let t = std::time::Instant::now();
     let study = SimulatedStudy::two_groups(11, 40, 1).unwrap();
     for g in &study.groups {
-        let mut first = 0.0; let mut last = 0.0;
-        for m in &g.members { for n in 1..=40 { let t = study.trial(m, n).unwrap(); let e = t.error(); let v = e.iter().map(|x| x.abs()).sum::<f64>() / e.len() as f64; if n==1 {first += v/11.0;} if n==40 {last += v/11.0;} } }
+        let mut first = 0.0;
+        let mut last = 0.0;
+        for m in &g.members {
+            for n in 1..=40 {
+                let t = study.trial(m, n).unwrap();
+                let e = t.error();
+                let v = e.iter().map(|x| x.abs()).sum::<f64>() / e.len() as f64;
+                if n == 1 {
+                    first += v / 11.0;
+                }
+                if n == 40 {
+                    last += v / 11.0;
+                }
+            }
+        }
         println!("{} {first} {last}", g.name);
     }
     println!("{:?}", t.elapsed());

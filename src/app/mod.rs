@@ -1,5 +1,6 @@
 //! What the commands do: the parts put together.
 
+pub mod demo;
 pub mod import;
 
 use std::future::Future;
