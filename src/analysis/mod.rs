@@ -11,9 +11,12 @@ pub mod plan;
 pub mod problem;
 pub mod report;
 pub mod ssid;
+pub mod trial_input;
+pub mod trial_problem;
 
 pub use inputs::{Library, References, StoredTrial};
 pub use kind::{Kind, Request};
 pub use plan::{Failure, Plan};
 pub use problem::{Code, Problem};
 pub use report::{Provenance, Report, Warning};
+pub use trial_input::{PlantNeed, ResolvedTrial, TrialInputs};

@@ -1,1 +1,4 @@
-//! Being written.
+//! Known plants, the commands that subjects follow, and simulated subjects.
+
+pub mod catalogue;
+pub mod commands;
