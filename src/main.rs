@@ -1,2 +1,3 @@
-//! x
+//! The `volition` command.
+
 fn main() {}

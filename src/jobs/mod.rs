@@ -1,20 +1,24 @@
 //! The life of an analysis as a job: status, transitions, leases, attempts. Pure: no clock, no storage.
+//!
+//! ```text
+//!                 claim (+1 attempt)            succeed
+//!   ┌────────┐ ───────────────────► ┌─────────┐ ───────────────► succeeded
+//!   │ queued │                      │ running │ ───────────────► failed
+//!   └────────┘ ◄─────────────────── └─────────┘  fail;
+//!        │      release (−1 attempt),   │        worker died and no attempt is left
+//!        │      worker died             │
+//!        │                              │ cancellation confirmed; released or worker died
+//!        │ cancel                       │ after cancellation was requested
+//!        └────────────► cancelled ◄─────┘
+//! ```
+//!
+//! [`Job::apply`] is the one place that says which transition is legal; the CHECK constraints in `migrations/` say the
+//! same to every other writer, and `tests/store.rs` compares the two.
 
-use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+mod eta;
+mod policy;
+mod state;
 
-/// Where an analysis stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Status {
-    /// Waiting for a worker.
-    Queued,
-    /// Held by a worker under a lease.
-    Running,
-    /// Finished, with a report.
-    Succeeded,
-    /// Finished, with a problem.
-    Failed,
-    /// Stopped by a person.
-    Cancelled,
-}
+pub use eta::EtaEstimator;
+pub use policy::{Backoff, BadPolicy, LeasePolicy};
+pub use state::{Event, IllegalTransition, Job, Status};

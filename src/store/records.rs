@@ -276,8 +276,10 @@ pub struct AnalysisRecord {
     pub status: Status,
     /// How often a worker took it.
     pub attempts: u32,
-    /// How far it is.
+    /// How far it is, as of the last heartbeat.
     pub progress: Progress,
+    /// Seconds left as of the last heartbeat; `None` while it is not running or nothing is known.
+    pub eta_s: Option<f64>,
     /// Whether somebody asked for it to be cancelled.
     pub cancel_requested: bool,
     /// What went wrong, if it failed.

@@ -1,0 +1,281 @@
+//! Analyses as the people who ask for them see them.
+
+use super::error::{StoreError, StoreResult};
+use super::idempotency::{or_deleted, remember, replay};
+use super::open::Store;
+use super::records::{AnalysisFilter, AnalysisRecord, Created, IdempotencyKey, NewAnalysis, Page};
+use super::rows::{get, json, json_opt, parsed, parsed_opt, time, time_opt, to_json, unsigned};
+use crate::analysis::ids::AnalysisId;
+use crate::jobs::{Event, Job, Status};
+use crate::num::Progress;
+use sqlx::SqliteConnection;
+use sqlx::sqlite::SqliteRow;
+use uuid::Uuid;
+
+pub(super) const NOUN: &str = "analysis";
+
+/// Everything but the report, which can be large.
+const COLUMNS: &str = "a.id, a.study_id, a.kind, a.request, a.spec_sha256, a.status, a.attempts, a.cancel_requested,
+    a.progress_done, a.progress_total, a.eta_s, a.problem, a.version, a.created_at, a.started_at, a.finished_at,
+    a.updated_at";
+
+pub(super) fn status(row: &SqliteRow) -> StoreResult<Status> {
+    let name: String = get(row, "status")?;
+    Status::from_name(&name).ok_or_else(|| StoreError::Damaged(format!("an analysis has the status '{name}'")))
+}
+
+pub(super) fn attempts(row: &SqliteRow) -> StoreResult<u32> {
+    u32::try_from(unsigned(row, "attempts")?).map_err(|error| StoreError::Damaged(format!("column attempts: {error}")))
+}
+
+/// What the rules of [`crate::jobs`] look at.
+pub(super) fn job(row: &SqliteRow) -> StoreResult<Job> {
+    Ok(Job { status: status(row)?, attempts: attempts(row)?, cancel_requested: get(row, "cancel_requested")? })
+}
+
+fn analysis(row: &SqliteRow) -> StoreResult<AnalysisRecord> {
+    Ok(AnalysisRecord {
+        id: parsed(row, "id")?,
+        study: parsed_opt(row, "study_id")?,
+        kind: parsed(row, "kind")?,
+        request: json(row, "request")?,
+        spec_sha256: get(row, "spec_sha256")?,
+        status: status(row)?,
+        attempts: attempts(row)?,
+        progress: Progress { done: unsigned(row, "progress_done")?, total: unsigned(row, "progress_total")? },
+        eta_s: get(row, "eta_s")?,
+        cancel_requested: get(row, "cancel_requested")?,
+        problem: json_opt(row, "problem")?,
+        version: get(row, "version")?,
+        created_at: time(row, "created_at")?,
+        started_at: time_opt(row, "started_at")?,
+        finished_at: time_opt(row, "finished_at")?,
+        updated_at: time(row, "updated_at")?,
+    })
+}
+
+async fn fetch(connection: &mut SqliteConnection, id: &str) -> StoreResult<AnalysisRecord> {
+    let row = sqlx::query(sqlx::AssertSqlSafe(format!("SELECT {COLUMNS} FROM analyses a WHERE a.id = $1")))
+        .bind(id)
+        .fetch_optional(connection)
+        .await?;
+    analysis(&row.ok_or_else(|| StoreError::not_found(NOUN, id))?)
+}
+
+/// The study of everything that an analysis names; `None` where it names nothing.
+async fn common_study(connection: &mut SqliteConnection, new: &NewAnalysis) -> StoreResult<Option<String>> {
+    let mut common = new.study.map(|study| study.to_string());
+    let named = new
+        .trials
+        .iter()
+        .map(|id| ("trial", id.to_string(), "SELECT study_id FROM trials WHERE id = $1"))
+        .chain(new.plants.iter().map(|id| ("plant", id.to_string(), "SELECT study_id FROM plants WHERE id = $1")));
+    for (noun, id, query) in named {
+        let found: Option<String> = sqlx::query_scalar(query).bind(&id).fetch_optional(&mut *connection).await?;
+        let found = found.ok_or_else(|| StoreError::not_found(noun, &id))?;
+        match &common {
+            Some(study) if *study != found => {
+                let detail = format!("the {noun} {id} is of the study {found}, not of {study}; an analysis is of one study");
+                return Err(StoreError::Conflict { rule: "other_study", detail });
+            }
+            Some(_) => {}
+            None => common = Some(found),
+        }
+    }
+    Ok(common)
+}
+
+async fn insert(connection: &mut SqliteConnection, new: &NewAnalysis, now: i64) -> StoreResult<AnalysisRecord> {
+    if let Some(study) = new.study {
+        super::studies::must_exist(connection, study).await?;
+    }
+    let study = common_study(connection, new).await?;
+    let id = Uuid::now_v7().to_string();
+    sqlx::query(
+        "INSERT INTO analyses (id, study_id, kind, request, spec_sha256, status, available_at, created_at, updated_at)
+         VALUES ($1, $2, $3, $4, $5, 'queued', $6, $6, $6)",
+    )
+    .bind(&id)
+    .bind(&study)
+    .bind(new.kind.name())
+    .bind(to_json(&new.request)?)
+    .bind(&new.spec_sha256)
+    .bind(now)
+    .execute(&mut *connection)
+    .await?;
+    let trials = new.trials.iter().map(ToString::to_string);
+    link(connection, &id, trials, "INSERT INTO analysis_trials (analysis_id, position, trial_id) VALUES ($1, $2, $3)")
+        .await?;
+    let plants = new.plants.iter().map(ToString::to_string);
+    link(connection, &id, plants, "INSERT INTO analysis_plants (analysis_id, position, plant_id) VALUES ($1, $2, $3)")
+        .await?;
+    fetch(connection, &id).await
+}
+
+async fn link(
+    connection: &mut SqliteConnection,
+    analysis: &str,
+    named: impl Iterator<Item = String>,
+    insert: &'static str,
+) -> StoreResult<()> {
+    let mut seen = std::collections::BTreeSet::new();
+    for (position, id) in (0_i64..).zip(named.filter(|id| seen.insert(id.clone()))) {
+        sqlx::query(insert).bind(analysis).bind(position).bind(id).execute(&mut *connection).await?;
+    }
+    Ok(())
+}
+
+impl Store {
+    /// Queues an analysis. The request is canonical (defaults filled in); its references must exist (`NotFound` else) and
+    /// be of one study, which becomes the analysis's where none is given.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`] (study, trial, plant), [`StoreError::Conflict`] (`other_study`,
+    /// `idempotent_result_deleted`), [`StoreError::KeyReused`], the database's own.
+    pub async fn create_analysis(
+        &self,
+        new: NewAnalysis,
+        key: Option<&IdempotencyKey>,
+    ) -> StoreResult<Created<AnalysisRecord>> {
+        let mut tx = self.begin().await?;
+        if let Some(ids) = replay(&mut tx, "analyses", key).await? {
+            return or_deleted(fetch(&mut tx, &ids.concat()).await).map(Created::Replayed);
+        }
+        let now = self.now_us();
+        let made = insert(&mut tx, &new, now).await?;
+        remember(&mut tx, "analyses", key, &[made.id.to_string()], now).await?;
+        tx.commit().await?;
+        self.announce_work();
+        Ok(Created::New(made))
+    }
+
+    /// Queues many in one transaction: all or none. Their idempotency key is scoped by the study of the first.
+    ///
+    /// # Errors
+    /// As [`Store::create_analysis`].
+    pub async fn create_analyses(
+        &self,
+        new: Vec<NewAnalysis>,
+        key: Option<&IdempotencyKey>,
+    ) -> StoreResult<Vec<AnalysisRecord>> {
+        // Nothing is made, so there is nothing to repeat: a later request may well find trials that match.
+        let Some(first) = new.first() else { return Ok(Vec::new()) };
+        let scope = format!("studies/{}/analyses", first.study.map(|id| id.to_string()).unwrap_or_default());
+        let mut tx = self.begin().await?;
+        let mut made = Vec::with_capacity(new.len());
+        if let Some(ids) = replay(&mut tx, &scope, key).await? {
+            for id in &ids {
+                made.push(or_deleted(fetch(&mut tx, id).await)?);
+            }
+            return Ok(made);
+        }
+        let now = self.now_us();
+        for new in &new {
+            made.push(insert(&mut tx, new, now).await?);
+        }
+        let ids: Vec<String> = made.iter().map(|analysis| analysis.id.to_string()).collect();
+        remember(&mut tx, &scope, key, &ids, now).await?;
+        tx.commit().await?;
+        self.announce_work();
+        Ok(made)
+    }
+
+    /// One analysis.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], the database's own.
+    pub async fn analysis(&self, id: AnalysisId) -> StoreResult<AnalysisRecord> {
+        fetch(&mut *self.readers().acquire().await?, &id.to_string()).await
+    }
+
+    /// A page of the analyses that match a filter.
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn analyses(&self, filter: AnalysisFilter, page: Page) -> StoreResult<Vec<AnalysisRecord>> {
+        let rows = sqlx::query(sqlx::AssertSqlSafe(format!(
+            "SELECT {COLUMNS} FROM analyses a
+             WHERE a.id > $1 AND ($2 IS NULL OR a.study_id = $2) AND ($3 IS NULL OR a.kind = $3)
+               AND ($4 IS NULL OR a.status = $4)
+               AND ($5 IS NULL
+                    OR EXISTS (SELECT 1 FROM analysis_trials u WHERE u.trial_id = $5 AND u.analysis_id = a.id))
+             ORDER BY a.id LIMIT $6"
+        )))
+        .bind(page.after_id())
+        .bind(filter.study.map(|id| id.to_string()))
+        .bind(filter.kind.map(|kind| kind.name()))
+        .bind(filter.status.map(Status::name))
+        .bind(filter.trial.map(|id| id.to_string()))
+        .bind(page.limit)
+        .fetch_all(self.readers())
+        .await?;
+        rows.iter().map(analysis).collect()
+    }
+
+    /// Cancels a queued analysis at once, flags a running one, leaves a finished one as it is.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], the database's own.
+    pub async fn request_cancel(&self, id: AnalysisId) -> StoreResult<AnalysisRecord> {
+        let id = id.to_string();
+        let mut tx = self.begin().await?;
+        let row = sqlx::query("SELECT status, attempts, cancel_requested FROM analyses WHERE id = $1")
+            .bind(&id)
+            .fetch_optional(&mut *tx)
+            .await?
+            .ok_or_else(|| StoreError::not_found(NOUN, &id))?;
+        let before = job(&row)?;
+        let after = before
+            .apply(Event::RequestCancel)
+            .map_err(|error| StoreError::Damaged(format!("analysis {id}: {error}")))?;
+        if after != before {
+            sqlx::query(
+                "UPDATE analyses SET status = $2, cancel_requested = $3, finished_at = CASE WHEN $4 THEN $5 END,
+                    version = version + 1, updated_at = $5
+                 WHERE id = $1 AND status = $6",
+            )
+            .bind(&id)
+            .bind(after.status.name())
+            .bind(after.cancel_requested)
+            .bind(after.status.is_final())
+            .bind(self.now_us())
+            .bind(before.status.name())
+            .execute(&mut *tx)
+            .await?;
+        }
+        let record = fetch(&mut tx, &id).await?;
+        tx.commit().await?;
+        Ok(record)
+    }
+
+    /// Deletes an analysis; a running one is abandoned by its worker at its next heartbeat.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], the database's own.
+    pub async fn delete_analysis(&self, id: AnalysisId) -> StoreResult<()> {
+        let (store, id) = (self.clone(), id.to_string());
+        self.delete(async move {
+            let mut tx = store.begin().await?;
+            let gone = sqlx::query("DELETE FROM analyses WHERE id = $1").bind(&id).execute(&mut *tx).await?;
+            if gone.rows_affected() == 0 {
+                return Err(StoreError::not_found(NOUN, &id));
+            }
+            Ok(tx.commit().await?)
+        })
+        .await
+    }
+
+    /// How many analyses there are in each status, zeros included.
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn count_by_status(&self) -> StoreResult<Vec<(Status, u64)>> {
+        let counts: Vec<(String, i64)> = sqlx::query_as("SELECT status, count(*) FROM analyses GROUP BY status")
+            .fetch_all(self.readers())
+            .await?;
+        let count = |status: Status| {
+            counts.iter().find(|(name, _)| name == status.name()).map_or(0, |(_, count)| count.unsigned_abs())
+        };
+        Ok(Status::ALL.into_iter().map(|status| (status, count(status))).collect())
+    }
+}

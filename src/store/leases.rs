@@ -1,0 +1,283 @@
+//! What workers write. Every write matches id, `running` and lease token: a worker that comes late changes nothing.
+
+use super::analyses::{attempts, job};
+use super::clock::span_us;
+use super::error::{StoreError, StoreResult};
+use super::open::Store;
+use super::records::{Claim, Held, Lease, Rescued};
+use super::reports::sha256;
+use super::rows::{get, json, parsed, signed, to_json, unsigned};
+use crate::analysis::ids::AnalysisId;
+use crate::analysis::{Code, Problem, Report};
+use crate::jobs::{Backoff, EtaEstimator, Event, Status};
+use crate::num::Progress;
+use sqlx::SqliteConnection;
+use sqlx::sqlite::SqliteRow;
+use uuid::Uuid;
+
+/// Ends a running analysis in a final state, or puts it back; `finished_at` follows from the status.
+const LEAVE_RUNNING: &str = "UPDATE analyses SET
+        status = $3, problem = $4, report = $5, report_sha256 = $6,
+        finished_at = CASE WHEN $3 <> 'queued' THEN $7 END,
+        attempts = $8, available_at = $9,
+        progress_done = CASE WHEN $3 = 'succeeded' THEN max(progress_total, 1) WHEN $3 = 'queued' THEN 0 ELSE progress_done END,
+        progress_total = CASE WHEN $3 = 'succeeded' THEN max(progress_total, 1) WHEN $3 = 'queued' THEN 0 ELSE progress_total END,
+        eta_s = NULL, lease_token = NULL, lease_expires_at = NULL, version = version + 1, updated_at = $7
+    WHERE id = $1 AND status = 'running' AND lease_token = $2";
+
+/// What a worker hands in.
+enum Outcome<'a> {
+    Nothing,
+    Report(&'a str),
+    Problem(&'a Problem),
+}
+
+/// What the rules need to know of a running analysis: everything but its request, which can be large.
+macro_rules! running_where {
+    ($condition:literal) => {
+        concat!(
+            "SELECT id, status, attempts, cancel_requested, worker, available_at, lease_token, progress_done,
+                progress_total, progress_at, phase_began_at
+             FROM analyses WHERE status = 'running' AND ",
+            $condition
+        )
+    };
+}
+
+/// A running analysis that this lease still holds.
+async fn held(connection: &mut SqliteConnection, lease: &Lease) -> StoreResult<Option<SqliteRow>> {
+    Ok(sqlx::query(running_where!("id = $1 AND lease_token = $2"))
+        .bind(lease.analysis.to_string())
+        .bind(&lease.token)
+        .fetch_optional(connection)
+        .await?)
+}
+
+/// Applies an event to a running analysis within a write transaction; `None` where the rules do not allow it.
+async fn leave_running(
+    connection: &mut SqliteConnection,
+    row: &SqliteRow,
+    event: Event,
+    outcome: Outcome<'_>,
+    now: i64,
+) -> StoreResult<Option<Status>> {
+    let before = job(row)?;
+    let Ok(after) = before.apply(event) else { return Ok(None) };
+    let id: AnalysisId = parsed(row, "id")?;
+    let died = worker_died(row, id)?;
+    let (report, problem) = match outcome {
+        Outcome::Report(report) => (Some(report), None),
+        Outcome::Problem(problem) => (None, Some(problem)),
+        // Only a worker's death fails an analysis without anybody handing in a problem.
+        Outcome::Nothing => (None, (after.status == Status::Failed).then_some(&died)),
+    };
+    let available_at: i64 = match event {
+        Event::WorkerDied { .. } => now.saturating_add(wait_us(before.attempts, id)),
+        // Handed back: it keeps its place in the queue.
+        _ => get(row, "available_at")?,
+    };
+    let token: String = get(row, "lease_token")?;
+    let changed = sqlx::query(LEAVE_RUNNING)
+        .bind(id.to_string())
+        .bind(token)
+        .bind(after.status.name())
+        .bind(problem.map(to_json).transpose()?)
+        .bind(report)
+        .bind(report.map(sha256))
+        .bind(now)
+        .bind(after.attempts)
+        .bind(available_at)
+        .execute(connection)
+        .await?;
+    Ok((changed.rows_affected() == 1).then_some(after.status))
+}
+
+fn wait_us(attempts: u32, id: AnalysisId) -> i64 {
+    span_us(Backoff::default().wait(attempts, id.0.as_u128()).as_secs_f64())
+}
+
+fn worker_died(row: &SqliteRow, id: AnalysisId) -> StoreResult<Problem> {
+    let (attempts, worker) = (attempts(row)?, get::<Option<String>>(row, "worker")?.unwrap_or_default());
+    let why = format!(
+        "the analysis {id} was started {attempts} times, and each time its worker stopped without an answer; \
+         the last was '{worker}'"
+    );
+    Ok(Problem::new(Code::WorkerDied, "the worker that ran it died too often", why).mend(
+        "Look for the reason in the log of the worker (often too little memory), then ask for the analysis again.",
+    ))
+}
+
+impl Store {
+    /// Takes the oldest available queued analysis, counting an attempt. One `UPDATE … RETURNING`.
+    ///
+    /// # Errors
+    /// The database's own; [`StoreError::Damaged`] where the request cannot be read.
+    pub async fn claim(&self, worker: &str, lease_s: f64) -> StoreResult<Option<Claim>> {
+        let mut tx = self.begin().await?;
+        let now = self.now_us();
+        let token = Uuid::new_v4().to_string();
+        let row = sqlx::query(
+            "UPDATE analyses SET status = 'running', attempts = attempts + 1, lease_token = $1, lease_expires_at = $2,
+                worker = $3, started_at = $4, progress_done = 0, progress_total = 0, progress_at = $4,
+                phase_began_at = $4, eta_s = NULL, version = version + 1, updated_at = $4
+             WHERE id = (SELECT id FROM analyses WHERE status = 'queued' AND available_at <= $4
+                         ORDER BY available_at, id LIMIT 1)
+               AND status = 'queued'
+             RETURNING id, request, attempts",
+        )
+        .bind(&token)
+        .bind(now.saturating_add(span_us(lease_s)))
+        .bind(worker)
+        .bind(now)
+        .fetch_optional(&mut *tx)
+        .await?;
+        tx.commit().await?;
+        let Some(row) = row else { return Ok(None) };
+        Ok(Some(Claim {
+            lease: Lease { analysis: parsed(&row, "id")?, token },
+            request: json(&row, "request")?,
+            attempt: attempts(&row)?,
+        }))
+    }
+
+    /// Extends the lease and writes progress; `Held::Lost` when the lease is somebody else's or the row is gone.
+    ///
+    /// The version (ETag) changes only when what people see changes.
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn heartbeat(&self, lease: &Lease, progress: Progress, lease_s: f64) -> StoreResult<Held> {
+        let mut tx = self.begin().await?;
+        let Some(row) = held(&mut tx, lease).await? else { return Ok(Held::Lost) };
+        let now = self.now_us();
+        let progress = Progress { done: progress.done.min(progress.total), total: progress.total };
+        let before = Progress { done: unsigned(&row, "progress_done")?, total: unsigned(&row, "progress_total")? };
+        let phase_began: Option<i64> = get(&row, "phase_began_at")?;
+        let observed: Option<i64> = get(&row, "progress_at")?;
+        let mut eta = EtaEstimator::resume(phase_began.unwrap_or(now), observed.unwrap_or(now), before);
+        eta.observe(now, progress);
+        sqlx::query(
+            "UPDATE analyses SET lease_expires_at = $3, progress_done = $4, progress_total = $5, progress_at = $6,
+                phase_began_at = $7, eta_s = $8, version = version + $9, updated_at = CASE WHEN $9 > 0 THEN $6 ELSE updated_at END
+             WHERE id = $1 AND status = 'running' AND lease_token = $2",
+        )
+        .bind(lease.analysis.to_string())
+        .bind(&lease.token)
+        .bind(now.saturating_add(span_us(lease_s)))
+        .bind(signed(progress.done))
+        .bind(signed(progress.total))
+        .bind(now)
+        .bind(eta.phase_began_us())
+        .bind(eta.eta_s())
+        .bind(i64::from(progress != before))
+        .execute(&mut *tx)
+        .await?;
+        let cancel: bool = get(&row, "cancel_requested")?;
+        tx.commit().await?;
+        Ok(if cancel { Held::CancelRequested } else { Held::Yes })
+    }
+
+    /// What a heartbeat would learn, without extending the lease: a read, cheap enough to ask several times a second.
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn peek(&self, lease: &Lease) -> StoreResult<Held> {
+        let cancel: Option<bool> = sqlx::query_scalar(
+            "SELECT cancel_requested FROM analyses WHERE id = $1 AND status = 'running' AND lease_token = $2",
+        )
+        .bind(lease.analysis.to_string())
+        .bind(&lease.token)
+        .fetch_optional(self.readers())
+        .await?;
+        Ok(match cancel {
+            None => Held::Lost,
+            Some(true) => Held::CancelRequested,
+            Some(false) => Held::Yes,
+        })
+    }
+
+    /// Finishes with a report; false when the lease was lost.
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn succeed(&self, lease: &Lease, report: &Report) -> StoreResult<bool> {
+        let report = to_json(report)?;
+        self.finish(lease, Event::Succeed, Outcome::Report(&report)).await
+    }
+
+    /// Finishes with a problem; false when the lease was lost.
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn fail(&self, lease: &Lease, problem: &Problem) -> StoreResult<bool> {
+        self.finish(lease, Event::Fail, Outcome::Problem(problem)).await
+    }
+
+    /// Marks a running analysis cancelled; false when the lease was lost, or when nobody asked for that.
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn confirm_cancel(&self, lease: &Lease) -> StoreResult<bool> {
+        self.finish(lease, Event::ConfirmCancel, Outcome::Nothing).await
+    }
+
+    /// Hands the work back (shutdown) without counting the attempt. Where cancellation was asked for meanwhile, it is
+    /// cancelled instead.
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn release(&self, lease: &Lease) -> StoreResult<bool> {
+        let released = self.finish(lease, Event::Release, Outcome::Nothing).await?;
+        if released {
+            self.announce_work();
+        }
+        Ok(released)
+    }
+
+    async fn finish(&self, lease: &Lease, event: Event, outcome: Outcome<'_>) -> StoreResult<bool> {
+        let mut tx = self.begin().await?;
+        let Some(row) = held(&mut tx, lease).await? else { return Ok(false) };
+        let now = self.now_us();
+        let left = leave_running(&mut tx, &row, event, outcome, now).await?.is_some();
+        tx.commit().await?;
+        Ok(left)
+    }
+
+    /// Returns analyses whose lease ran out to the end of the queue, or fails those whose attempts are used up.
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn rescue(&self, max_attempts: u32) -> StoreResult<Rescued> {
+        self.scrub_if_due().await;
+        // Asked by every worker every few seconds, and nearly always for nothing: do not take the write lock for that.
+        let due: Option<i64> =
+            sqlx::query_scalar("SELECT 1 FROM analyses WHERE status = 'running' AND lease_expires_at <= $1 LIMIT 1")
+                .bind(self.now_us())
+                .fetch_optional(self.readers())
+                .await?;
+        let mut rescued = Rescued::default();
+        if due.is_none() {
+            return Ok(rescued);
+        }
+        let mut tx = self.begin().await?;
+        let now = self.now_us();
+        let rows = sqlx::query(running_where!("lease_expires_at <= $1 ORDER BY lease_expires_at, id"))
+            .bind(now)
+            .fetch_all(&mut *tx)
+            .await?;
+        for row in &rows {
+            let id: AnalysisId = parsed(row, "id")?;
+            match leave_running(&mut tx, row, Event::WorkerDied { max_attempts }, Outcome::Nothing, now).await? {
+                Some(Status::Queued) => rescued.requeued.push(id),
+                Some(Status::Cancelled) => rescued.cancelled.push(id),
+                Some(_) => rescued.failed.push(id),
+                None => return Err(StoreError::Damaged(format!("the analysis {id} could not be rescued"))),
+            }
+        }
+        tx.commit().await?;
+        if !rescued.requeued.is_empty() {
+            self.announce_work();
+        }
+        Ok(rescued)
+    }
+}

@@ -1,0 +1,283 @@
+//! Opening the database, its two pools, and what every write has in common.
+
+use super::clock::Clock;
+use super::error::{StoreError, StoreResult, primary_code};
+use sqlx::migrate::{MigrateError, Migrator};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{Sqlite, Transaction};
+use std::future::Future;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use tokio::sync::Notify;
+
+static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
+
+/// `PRAGMA application_id` of our files ("VOLT"); the first migration writes it.
+const APPLICATION_ID: i64 = 0x564F_4C54;
+
+/// How long a statement waits for another process's lock before it fails.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Connections that read.
+const READERS: u32 = 4;
+
+/// A handle to the database; cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Store {
+    inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    writer: SqlitePool,
+    readers: SqlitePool,
+    clock: Clock,
+    /// Work entered the queue, as far as this process knows.
+    work: Arc<Notify>,
+    /// A deletion's traces may still be in the write-ahead log.
+    scrub_due: AtomicBool,
+    /// Removed last, after the pools.
+    _temporary: Option<TemporaryDirectory>,
+}
+
+impl Store {
+    /// Opens (creating and migrating it where needed) the database file; `None` is a private temporary one, removed with
+    /// the last handle.
+    ///
+    /// # Errors
+    /// [`StoreError::CannotOpen`] where the path is a directory, is not ours, or cannot be read and written, or was written
+    /// by a newer version; [`StoreError::Migration`] where its schema cannot be brought up to date.
+    pub async fn open(path: Option<&Path>) -> StoreResult<Self> {
+        Self::open_with_clock(path, Clock::System).await
+    }
+
+    /// [`Store::open`] with a clock of the caller's.
+    ///
+    /// # Errors
+    /// As [`Store::open`].
+    pub async fn open_with_clock(path: Option<&Path>, clock: Clock) -> StoreResult<Self> {
+        let (file, temporary) = match path {
+            Some(path) => (path.to_owned(), None),
+            None => {
+                let directory = TemporaryDirectory::create()?;
+                (directory.0.join("volition.db"), Some(directory))
+            }
+        };
+        check_file(&file)?;
+        let options = SqliteConnectOptions::new()
+            .filename(&file)
+            .journal_mode(SqliteJournalMode::Wal)
+            .synchronous(SqliteSynchronous::Full)
+            .foreign_keys(true)
+            .busy_timeout(BUSY_TIMEOUT)
+            .pragma("secure_delete", "ON")
+            // Sorting a person's rows must not leave copies in temporary files.
+            .pragma("temp_store", "MEMORY");
+        let cannot_open = |error: StoreError| explain(&file, error);
+        let writer = SqlitePoolOptions::new()
+            .max_connections(1)
+            .acquire_timeout(Duration::from_secs(60))
+            .connect_with(options.clone())
+            .await
+            .map_err(|error| cannot_open(error.into()))?;
+        prepare(&writer, &file).await.map_err(cannot_open)?;
+        let readers = SqlitePoolOptions::new()
+            .max_connections(READERS)
+            .acquire_timeout(Duration::from_secs(60))
+            .connect_with(options.pragma("query_only", "ON"))
+            .await
+            .map_err(|error| cannot_open(error.into()))?;
+        let inner = Inner {
+            writer,
+            readers,
+            clock,
+            work: Arc::new(Notify::new()),
+            // A process that was killed between a deletion and its scrubbing left the rest to us.
+            scrub_due: AtomicBool::new(true),
+            _temporary: temporary,
+        };
+        let store = Self { inner: Arc::new(inner) };
+        store.scrub_if_due().await;
+        Ok(store)
+    }
+
+    /// Whether a trivial query succeeds (readiness).
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn ping(&self) -> StoreResult<()> {
+        sqlx::query("SELECT count(*) FROM studies WHERE id = ''").execute(self.readers()).await?;
+        Ok(())
+    }
+
+    /// Waits for what is under way and closes every connection.
+    pub async fn close(&self) {
+        self.inner.readers.close().await;
+        self.inner.writer.close().await;
+    }
+
+    /// Told whenever this process puts work into the queue. Other processes' work is found by polling.
+    #[must_use]
+    pub fn work_arrived(&self) -> Arc<Notify> {
+        Arc::clone(&self.inner.work)
+    }
+
+    /// The time, in microseconds, that leases are judged by.
+    #[must_use]
+    pub fn now_us(&self) -> i64 {
+        self.inner.clock.now_us()
+    }
+
+    pub(super) fn readers(&self) -> &SqlitePool {
+        &self.inner.readers
+    }
+
+    /// Begins a write; nobody else can until it ends.
+    pub(super) async fn begin(&self) -> StoreResult<Transaction<'static, Sqlite>> {
+        Ok(self.inner.writer.begin_with("BEGIN IMMEDIATE").await?)
+    }
+
+    /// Begins a read of several statements that see the same state.
+    pub(super) async fn snapshot(&self) -> StoreResult<Transaction<'static, Sqlite>> {
+        Ok(self.inner.readers.begin().await?)
+    }
+
+    /// Tells waiting workers of this process.
+    pub(super) fn announce_work(&self) {
+        self.inner.work.notify_waiters();
+        // Nobody may be waiting right now; leave a permit for whoever comes next.
+        self.inner.work.notify_one();
+    }
+
+    /// Runs a deletion and then removes its traces from the log, even when whoever asked has gone away meanwhile.
+    pub(super) async fn delete<T, F>(&self, deletion: F) -> StoreResult<T>
+    where
+        T: Send + 'static,
+        F: Future<Output = StoreResult<T>> + Send + 'static,
+    {
+        let store = self.clone();
+        let task = tokio::spawn(async move {
+            let outcome = deletion.await?;
+            store.inner.scrub_due.store(true, Ordering::SeqCst);
+            store.scrub_if_due().await;
+            Ok(outcome)
+        });
+        match task.await {
+            Ok(outcome) => outcome,
+            Err(error) if error.is_panic() => std::panic::resume_unwind(error.into_panic()),
+            Err(_) => Err(sqlx::Error::PoolClosed.into()),
+        }
+    }
+
+    /// Folds the write-ahead log into the file and truncates it, where a deletion has left traces in it.
+    ///
+    /// A reader that holds an old state can prevent that; then it stays due, and the next deletion or rescue (each worker
+    /// makes one every few seconds) tries again.
+    pub(super) async fn scrub_if_due(&self) {
+        if !self.inner.scrub_due.swap(false, Ordering::SeqCst) {
+            return;
+        }
+        let outcome = sqlx::query_as::<_, (i64, i64, i64)>("PRAGMA wal_checkpoint(TRUNCATE)")
+            .fetch_one(&self.inner.writer)
+            .await;
+        match outcome {
+            Ok((0, _, _)) => {}
+            Ok(_) => {
+                self.inner.scrub_due.store(true, Ordering::SeqCst);
+                tracing::warn!("a reader kept the write-ahead log from being truncated; trying again later");
+            }
+            Err(error) => {
+                self.inner.scrub_due.store(true, Ordering::SeqCst);
+                tracing::warn!(%error, "the write-ahead log could not be truncated; trying again later");
+            }
+        }
+    }
+}
+
+/// Refuses what SQLite would report badly or not at all, and creates the file so that only its owner can read it.
+fn check_file(file: &Path) -> StoreResult<()> {
+    let cannot = |reason: String| StoreError::CannotOpen { path: file.display().to_string(), reason };
+    match std::fs::metadata(file) {
+        Ok(metadata) if metadata.is_dir() => Err(cannot("it is a directory; name a file".to_owned())),
+        Ok(metadata) if !metadata.is_file() => Err(cannot("it is not a regular file".to_owned())),
+        Ok(_) => {
+            // SQLite opens a file that it may not write for reading only, and fails at the first write.
+            std::fs::OpenOptions::new()
+                .read(true)
+                .write(true)
+                .open(file)
+                .map(drop)
+                .map_err(|error| cannot(format!("it cannot be opened for writing: {error}")))
+        }
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            let mut options = std::fs::OpenOptions::new();
+            options.read(true).write(true).create(true).truncate(false);
+            #[cfg(unix)]
+            std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+            options.open(file).map(drop).map_err(|error| cannot(format!("it cannot be created: {error}")))
+        }
+        Err(error) => Err(cannot(error.to_string())),
+    }
+}
+
+/// Makes sure that the file is ours, and brings its schema up to date under the write lock.
+async fn prepare(writer: &SqlitePool, file: &Path) -> StoreResult<()> {
+    let cannot = |reason: String| StoreError::CannotOpen { path: file.display().to_string(), reason };
+    let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
+    let application: i64 = sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut *tx).await?;
+    let tables: i64 = sqlx::query_scalar("SELECT count(*) FROM sqlite_master").fetch_one(&mut *tx).await?;
+    if application != APPLICATION_ID && (application != 0 || tables != 0) {
+        return Err(cannot("it is an SQLite database of another program".to_owned()));
+    }
+    // Within the transaction, so that two processes that start together do not migrate at once.
+    MIGRATIONS.run(&mut *tx).await.map_err(|error| match error {
+        MigrateError::VersionMissing(version) | MigrateError::VersionTooNew(version, _) => cannot(format!(
+            "it was written by a newer version of this program (its schema has step {version}, unknown here); \
+             run that version, or restore an older backup"
+        )),
+        other => other.into(),
+    })?;
+    tx.commit().await?;
+    Ok(())
+}
+
+/// Says in words what SQLite says in codes.
+fn explain(file: &Path, error: StoreError) -> StoreError {
+    let StoreError::Database(sqlx::Error::Database(cause)) = &error else { return error };
+    let reason = match primary_code(cause.as_ref()) {
+        Some(26) => "it is not a database".to_owned(),
+        Some(11) => format!("it is damaged ({cause}); restore a backup"),
+        Some(8 | 14) => format!("it, or the directory it is in, cannot be written ({cause})"),
+        Some(5) => "another program holds a lock on it".to_owned(),
+        _ => return error,
+    };
+    StoreError::CannotOpen { path: file.display().to_string(), reason }
+}
+
+/// A directory of our own, removed when dropped.
+#[derive(Debug)]
+struct TemporaryDirectory(PathBuf);
+
+impl TemporaryDirectory {
+    fn create() -> StoreResult<Self> {
+        let path = std::env::temp_dir().join(format!("volition-{}", uuid::Uuid::now_v7()));
+        let mut builder = std::fs::DirBuilder::new();
+        #[cfg(unix)]
+        std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+        builder.create(&path).map_err(|error| StoreError::CannotOpen {
+            path: path.display().to_string(),
+            reason: format!("the temporary directory cannot be created: {error}"),
+        })?;
+        Ok(Self(path))
+    }
+}
+
+impl Drop for TemporaryDirectory {
+    fn drop(&mut self) {
+        if let Err(error) = std::fs::remove_dir_all(&self.0) {
+            tracing::warn!(path = %self.0.display(), %error, "a temporary database was left behind");
+        }
+    }
+}

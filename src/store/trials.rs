@@ -1,0 +1,256 @@
+//! Trials: one at a time.
+
+use super::error::{StoreError, StoreResult, breaks_unique};
+use super::idempotency::{or_deleted, remember, replay};
+use super::open::Store;
+use super::records::{Created, IdempotencyKey, NewTrial, TrialPatch, TrialRecord};
+use super::rows::{get, json, parsed, signed, time, to_json, unsigned};
+use super::signals::{Packed, pack};
+use super::studies::missed;
+use crate::analysis::ids::{SubjectId, TrialId};
+use crate::analysis::report::hexadecimal;
+use sqlx::SqliteConnection;
+use sqlx::sqlite::SqliteRow;
+use uuid::Uuid;
+
+const NOUN: &str = "trial";
+const EXISTS: &str = "SELECT 1 FROM trials WHERE id = $1";
+
+/// Reads a row of `SELECT t.*, s.display_limit FROM trials t JOIN studies s …`.
+pub(super) fn trial(row: &SqliteRow) -> StoreResult<TrialRecord> {
+    let max_abs_output: f64 = get(row, "max_abs_output")?;
+    let display_limit: Option<f64> = get(row, "display_limit")?;
+    Ok(TrialRecord {
+        id: parsed(row, "id")?,
+        study: parsed(row, "study_id")?,
+        subject: parsed(row, "subject_id")?,
+        plant: parsed(row, "plant_id")?,
+        number: get(row, "number")?,
+        session: get(row, "session")?,
+        sample_time_s: get(row, "sample_time_s")?,
+        samples: unsigned(row, "samples")?,
+        has_disturbance: get(row, "has_disturbance")?,
+        sha256: get(row, "sha256")?,
+        max_abs_output,
+        divergent: display_limit.is_some_and(|limit| max_abs_output > limit),
+        metrics: json(row, "metrics")?,
+        version: get(row, "version")?,
+        created_at: time(row, "created_at")?,
+        updated_at: time(row, "updated_at")?,
+    })
+}
+
+pub(super) async fn fetch(connection: &mut SqliteConnection, id: &str) -> StoreResult<TrialRecord> {
+    let row = sqlx::query(
+        "SELECT t.*, s.display_limit FROM trials t JOIN studies s ON s.id = t.study_id WHERE t.id = $1",
+    )
+    .bind(id)
+    .fetch_optional(connection)
+    .await?;
+    trial(&row.ok_or_else(|| StoreError::not_found(NOUN, id))?)
+}
+
+fn number_taken(error: sqlx::Error, number: i64, session: Option<i64>) -> StoreError {
+    let lists = ["trials.subject_id, trials.session, trials.number", "trials.subject_id, trials.number"];
+    if breaks_unique(&error, &lists) {
+        let place = session.map_or_else(|| "without a session".to_owned(), |session| format!("in session {session}"));
+        let detail = format!("the subject has another trial number {number} {place}");
+        return StoreError::Conflict { rule: "trial_number_taken", detail };
+    }
+    error.into()
+}
+
+/// Runs heavy packing away from the runtime's own threads.
+pub(super) async fn off_runtime<T: Send + 'static>(
+    work: impl FnOnce() -> StoreResult<T> + Send + 'static,
+) -> StoreResult<T> {
+    match tokio::task::spawn_blocking(work).await {
+        Ok(outcome) => outcome,
+        Err(error) if error.is_panic() => std::panic::resume_unwind(error.into_panic()),
+        Err(_) => Err(sqlx::Error::PoolClosed.into()),
+    }
+}
+
+fn pack_all(new: Vec<NewTrial>) -> StoreResult<Vec<(NewTrial, Vec<Packed>)>> {
+    new.into_iter()
+        .map(|new| {
+            let found = hexadecimal(&new.trial.content_sha256());
+            if found != new.sha256 {
+                // Stored, it could never be read back: the hash is checked then.
+                let why = format!("trial {}: the hash given, {}, is not that of its content, {found}", new.number, new.sha256);
+                return Err(StoreError::Damaged(why));
+            }
+            let packed = pack(&new.trial)?;
+            Ok((new, packed))
+        })
+        .collect()
+}
+
+async fn insert(
+    connection: &mut SqliteConnection,
+    subject: &str,
+    study: &str,
+    new: &NewTrial,
+    packed: &[Packed],
+    now: i64,
+) -> StoreResult<String> {
+    let plant: Option<i64> = sqlx::query_scalar("SELECT 1 FROM plants WHERE id = $1 AND study_id = $2")
+        .bind(new.plant.to_string())
+        .bind(study)
+        .fetch_optional(&mut *connection)
+        .await?;
+    if plant.is_none() {
+        return Err(StoreError::not_found("plant", new.plant));
+    }
+    let id = Uuid::now_v7().to_string();
+    sqlx::query(
+        "INSERT INTO trials (id, study_id, subject_id, plant_id, number, session, sample_time_s, samples,
+            has_disturbance, sha256, max_abs_output, metrics, created_at, updated_at)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $13)",
+    )
+    .bind(&id)
+    .bind(study)
+    .bind(subject)
+    .bind(new.plant.to_string())
+    .bind(new.number)
+    .bind(new.session)
+    .bind(new.trial.sample_time_s)
+    .bind(signed(new.trial.samples() as u64))
+    .bind(new.trial.signals.disturbance.is_some())
+    .bind(&new.sha256)
+    .bind(new.max_abs_output)
+    .bind(to_json(&new.metrics)?)
+    .bind(now)
+    .execute(&mut *connection)
+    .await
+    .map_err(|error| number_taken(error, new.number, new.session))?;
+    for column in packed {
+        sqlx::query(
+            "INSERT INTO trial_signals (trial_id, channel, codec, samples, sha256, data)
+             VALUES ($1, $2, $3, $4, $5, $6)",
+        )
+        .bind(&id)
+        .bind(&column.channel)
+        .bind(&column.codec)
+        .bind(column.samples)
+        .bind(&column.sha256)
+        .bind(&column.data)
+        .execute(&mut *connection)
+        .await?;
+    }
+    Ok(id)
+}
+
+impl Store {
+    /// Stores all of them or none (one transaction). A trial whose content is already stored for this subject is
+    /// returned with [`Created::Duplicate`] and not stored again; a number already taken within its session by other
+    /// content is a conflict (`trial_number_taken`).
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`] (subject; plant, also one of another study), [`StoreError::Conflict`] (`trial_number_taken`,
+    /// `idempotent_result_deleted`), [`StoreError::KeyReused`], [`StoreError::Damaged`] where a hash given is not that of
+    /// the content, the database's own.
+    pub async fn create_trials(
+        &self,
+        subject: SubjectId,
+        new: Vec<NewTrial>,
+        key: Option<&IdempotencyKey>,
+    ) -> StoreResult<Vec<Created<TrialRecord>>> {
+        let scope = format!("subjects/{subject}/trials");
+        let subject = subject.to_string();
+        let packed = off_runtime(move || pack_all(new)).await?;
+        let mut tx = self.begin().await?;
+        let study = super::subjects::fetch(&mut tx, &subject).await?.study.to_string();
+        let mut outcome = Vec::with_capacity(packed.len());
+        if let Some(ids) = replay(&mut tx, &scope, key).await? {
+            for id in &ids {
+                outcome.push(Created::Replayed(or_deleted(fetch(&mut tx, id).await)?));
+            }
+            return Ok(outcome);
+        }
+        let now = self.now_us();
+        let mut ids = Vec::with_capacity(packed.len());
+        for (new, columns) in &packed {
+            let known: Option<String> =
+                sqlx::query_scalar("SELECT id FROM trials WHERE subject_id = $1 AND sha256 = $2")
+                    .bind(&subject)
+                    .bind(&new.sha256)
+                    .fetch_optional(&mut *tx)
+                    .await?;
+            let (id, made): (_, fn(TrialRecord) -> Created<TrialRecord>) = match known {
+                Some(id) => (id, Created::Duplicate),
+                None => (insert(&mut tx, &subject, &study, new, columns, now).await?, Created::New),
+            };
+            outcome.push(made(fetch(&mut tx, &id).await?));
+            ids.push(id);
+        }
+        remember(&mut tx, &scope, key, &ids, now).await?;
+        tx.commit().await?;
+        Ok(outcome)
+    }
+
+    /// One trial without its signals.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], the database's own.
+    pub async fn trial(&self, id: TrialId) -> StoreResult<TrialRecord> {
+        fetch(&mut *self.readers().acquire().await?, &id.to_string()).await
+    }
+
+    /// Changes a trial's number or session.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], [`StoreError::Stale`], [`StoreError::Conflict`] (`trial_number_taken`), the database's own.
+    pub async fn patch_trial(&self, id: TrialId, patch: TrialPatch, if_match: Option<i64>) -> StoreResult<TrialRecord> {
+        let id = id.to_string();
+        let mut tx = self.begin().await?;
+        let before = fetch(&mut tx, &id).await?;
+        if if_match.is_some_and(|version| version != before.version) {
+            return Err(StoreError::Stale { noun: NOUN });
+        }
+        if patch == TrialPatch::default() {
+            return Ok(before);
+        }
+        let number = patch.number.unwrap_or(before.number);
+        let session = patch.session.unwrap_or(before.session);
+        let changed = sqlx::query(
+            "UPDATE trials SET number = $2, session = $3, version = version + 1, updated_at = $4
+             WHERE id = $1 AND version = $5",
+        )
+        .bind(&id)
+        .bind(number)
+        .bind(session)
+        .bind(self.now_us())
+        .bind(before.version)
+        .execute(&mut *tx)
+        .await
+        .map_err(|error| number_taken(error, number, session))?;
+        if changed.rows_affected() == 0 {
+            return Err(StoreError::Stale { noun: NOUN });
+        }
+        let after = fetch(&mut tx, &id).await?;
+        tx.commit().await?;
+        Ok(after)
+    }
+
+    /// Deletes a trial with its signals and the analyses that used it, and overwrites what they held.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`], [`StoreError::Stale`], the database's own.
+    pub async fn delete_trial(&self, id: TrialId, if_match: Option<i64>) -> StoreResult<()> {
+        let (store, id) = (self.clone(), id.to_string());
+        self.delete(async move {
+            let mut tx = store.begin().await?;
+            let gone = sqlx::query("DELETE FROM trials WHERE id = $1 AND ($2 IS NULL OR version = $2)")
+                .bind(&id)
+                .bind(if_match)
+                .execute(&mut *tx)
+                .await?;
+            if gone.rows_affected() == 0 {
+                return Err(missed(&mut tx, NOUN, EXISTS, &id).await?);
+            }
+            Ok(tx.commit().await?)
+        })
+        .await
+    }
+}
