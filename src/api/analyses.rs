@@ -126,22 +126,7 @@ impl AnalysisView {
     }
 }
 
-const STATUSES: [Status; 5] =
-    [Status::Queued, Status::Running, Status::Succeeded, Status::Failed, Status::Cancelled];
-
-pub(super) fn status_name(status: Status) -> &'static str {
-    match status {
-        Status::Queued => "queued",
-        Status::Running => "running",
-        Status::Succeeded => "succeeded",
-        Status::Failed => "failed",
-        Status::Cancelled => "cancelled",
-    }
-}
-
-pub(super) fn is_final(status: Status) -> bool {
-    matches!(status, Status::Succeeded | Status::Failed | Status::Cancelled)
-}
+const STATUSES: [Status; 5] = [Status::Queued, Status::Running, Status::Succeeded, Status::Failed, Status::Cancelled];
 
 /// Names an analysis in the path.
 #[derive(Debug, IntoParams)]
@@ -173,12 +158,12 @@ pub struct AnalysisQuery {
 impl FromQuery for AnalysisQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
         let kinds = Kind::ALL.map(Kind::name).join(", ");
-        let statuses = STATUSES.map(status_name).join(", ");
+        let statuses = STATUSES.map(Status::name).join(", ");
         Ok(Self {
             study: query.id("study")?,
             trial: query.id("trial")?,
             kind: query.one_of("kind", &kinds, |text| text.parse().ok())?,
-            status: query.one_of("status", &statuses, |text| STATUSES.into_iter().find(|s| status_name(*s) == text))?,
+            status: query.one_of("status", &statuses, Status::from_name)?,
         })
     }
 }
@@ -341,7 +326,7 @@ pub async fn report(
 ) -> ApiResult<Response> {
     let Some(text) = state.store.report_json(id).await? else {
         let record = state.store.analysis(id).await?;
-        let status = status_name(record.status);
+        let status = record.status.name();
         let (title, mend) = match record.status {
             Status::Failed => ("failed", "GET the analysis: its problem says why."),
             Status::Cancelled => ("cancelled", "Queue the analysis again."),
@@ -371,7 +356,7 @@ pub async fn cancel(
 ) -> ApiResult<Response> {
     let record = state.store.request_cancel(id).await?;
     state.wake.wake();
-    let status = if is_final(record.status) { StatusCode::OK } else { StatusCode::ACCEPTED };
+    let status = if record.status.is_final() { StatusCode::OK } else { StatusCode::ACCEPTED };
     etag::tagged(status, &AnalysisView::whole(record))
 }
 

@@ -1,7 +1,7 @@
 //! Lists in pages by keyset: an opaque token names the last row of the page before.
 
-use super::extract::{FromQuery, QueryText};
 use super::etag::conditional;
+use super::extract::{FromQuery, QueryText};
 use super::problem::ApiResult;
 use crate::analysis::report::hexadecimal;
 use crate::analysis::{Code, Problem};
@@ -51,10 +51,8 @@ impl Cursor {
         if text.len() != 42 || !text.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b)) {
             return None;
         }
-        let bytes: Vec<u8> = (0..21)
-            .map(|i| u8::from_str_radix(&text[2 * i..2 * i + 2], 16))
-            .collect::<Result<_, _>>()
-            .ok()?;
+        let bytes: Vec<u8> =
+            (0..21).map(|i| u8::from_str_radix(&text[2 * i..2 * i + 2], 16)).collect::<Result<_, _>>().ok()?;
         if bytes[0] != VERSION {
             return None;
         }
@@ -74,9 +72,13 @@ impl FromQuery for PageQuery {
 }
 
 fn not_a_cursor() -> Problem {
-    Problem::new(Code::Malformed, "not a cursor of this list", "the cursor does not come from this list with these filters")
-        .at("query parameter cursor")
-        .mend("Give the next_cursor of the page before unchanged, with the same filters; or start without a cursor.")
+    Problem::new(
+        Code::Malformed,
+        "not a cursor of this list",
+        "the cursor does not come from this list with these filters",
+    )
+    .at("query parameter cursor")
+    .mend("Give the next_cursor of the page before unchanged, with the same filters; or start without a cursor.")
 }
 
 /// One page of a list.
@@ -144,10 +146,7 @@ impl Pager {
         let limit = self.query.limit as usize;
         let more = rows.len() > limit;
         rows.truncate(limit);
-        let next_cursor = rows
-            .last()
-            .filter(|_| more)
-            .map(|last| Cursor { list: self.list, after: id(last) }.write());
+        let next_cursor = rows.last().filter(|_| more).map(|last| Cursor { list: self.list, after: id(last) }.write());
         let link = next_cursor.as_deref().map(|cursor| self.link(cursor));
         let list = List { items: rows.into_iter().map(view).collect(), next_cursor };
         let mut response = conditional(headers, &list)?;

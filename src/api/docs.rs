@@ -31,6 +31,6 @@ pub async fn openapi_json(Params(()): Params<()>, headers: HeaderMap) -> ApiResu
 }
 
 /// Pages that show the document; everything they load comes from this server.
-pub(super) fn pages() -> axum::Router {
+pub(super) fn pages() -> axum::Router<super::AppState> {
     SwaggerUi::new("/docs").config(Config::new(["/openapi.json"]).use_base_layout()).into()
 }

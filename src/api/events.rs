@@ -37,7 +37,7 @@ pub async fn follow(
     let stream = async_stream::stream! {
         yield Ok::<_, Infallible>(event("status", &first));
         let mut last = first;
-        while !is_final(&last) {
+        while !last.status.is_final() {
             tokio::select! {
                 () = state.shutdown.cancelled() => break,
                 () = tokio::time::sleep(INTERVAL) => {}
@@ -61,10 +61,6 @@ pub async fn follow(
     let mut response = Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response();
     response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
     Ok(response)
-}
-
-fn is_final(record: &AnalysisRecord) -> bool {
-    super::analyses::is_final(record.status)
 }
 
 fn event(name: &str, record: &AnalysisRecord) -> Event {

@@ -24,9 +24,9 @@ impl<T: FromStr + Send, S: Send + Sync> FromRequestParts<S> for Id<T> {
     type Rejection = ApiError;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> ApiResult<Self> {
-        let params = RawPathParams::from_request_parts(parts, state).await.map_err(|rejection| {
-            Problem::new(Code::Malformed, "unreadable path", rejection.body_text()).at("path")
-        })?;
+        let params = RawPathParams::from_request_parts(parts, state)
+            .await
+            .map_err(|rejection| Problem::new(Code::Malformed, "unreadable path", rejection.body_text()).at("path"))?;
         let Some((name, text)) = params.iter().next() else {
             return Err(super::problem::internal().into());
         };
@@ -86,9 +86,9 @@ impl QueryText {
     /// # Errors
     /// `malformed`, where the query is no query.
     pub fn pairs(uri: &Uri) -> Result<Vec<(String, String)>, Problem> {
-        Query::<Vec<(String, String)>>::try_from_uri(uri).map(|Query(pairs)| pairs).map_err(|rejection| {
-            Problem::new(Code::Malformed, "unreadable query", rejection.body_text()).at("query")
-        })
+        Query::<Vec<(String, String)>>::try_from_uri(uri)
+            .map(|Query(pairs)| pairs)
+            .map_err(|rejection| Problem::new(Code::Malformed, "unreadable query", rejection.body_text()).at("query"))
     }
 
     /// The value of a parameter, at most once.
@@ -100,9 +100,13 @@ impl QueryText {
         let mut values = self.pairs.extract_if(.., |(key, _)| key == name).map(|(_, value)| value);
         let value = values.next();
         if values.next().is_some() {
-            return Err(Problem::new(Code::Malformed, "repeated parameter", format!("'{name}' is given more than once"))
-                .at(format!("query parameter {name}"))
-                .mend("Give it once."));
+            return Err(Problem::new(
+                Code::Malformed,
+                "repeated parameter",
+                format!("'{name}' is given more than once"),
+            )
+            .at(format!("query parameter {name}"))
+            .mend("Give it once."));
         }
         Ok(value)
     }
@@ -180,9 +184,13 @@ impl QueryText {
         } else {
             format!("This route takes: {}.", known.join(", "))
         };
-        Err(Problem::new(Code::Malformed, "unknown query parameter", format!("there is no parameter '{}'", shortened(name)))
-            .at(format!("query parameter {}", shortened(name)))
-            .mend(mend))
+        Err(Problem::new(
+            Code::Malformed,
+            "unknown query parameter",
+            format!("there is no parameter '{}'", shortened(name)),
+        )
+        .at(format!("query parameter {}", shortened(name)))
+        .mend(mend))
     }
 }
 
@@ -257,9 +265,13 @@ pub(super) async fn read_body(state: &AppState, headers: &HeaderMap, body: Body)
     let limit = state.limits.max_body_bytes;
     let too_large = |size: String| {
         ApiError::from(
-            Problem::new(Code::TooLarge, "body too large", format!("the body has {size}, and {limit} bytes are taken at most"))
-                .at("body")
-                .mend("Pack it with gzip where the route takes that, or send it in several requests."),
+            Problem::new(
+                Code::TooLarge,
+                "body too large",
+                format!("the body has {size}, and {limit} bytes are taken at most"),
+            )
+            .at("body")
+            .mend("Pack it with gzip where the route takes that, or send it in several requests."),
         )
         .with_header(header::CONNECTION, HeaderValue::from_static("close"))
     };
@@ -293,11 +305,7 @@ pub(super) async fn read_body(state: &AppState, headers: &HeaderMap, body: Body)
                 return Err(Problem::new(
                     Code::DeadlineExceeded,
                     "the body stalled",
-                    format!(
-                        "nothing came for {} s after {} bytes",
-                        state.limits.body_stall.as_secs(),
-                        bytes.len()
-                    ),
+                    format!("nothing came for {} s after {} bytes", state.limits.body_stall.as_secs(), bytes.len()),
                 )
                 .at("body")
                 .into());
@@ -364,10 +372,14 @@ async fn read_json<T: DeserializeOwned + Send + 'static>(
         _ => return Err(unsupported(headers, also).into()),
     }
     if encoding(headers)? != Encoding::Identity {
-        return Err(Problem::new(Code::UnsupportedMediaType, "unsupported content encoding", "this route takes no gzip")
-            .at("header Content-Encoding")
-            .mend("Send the body as it is.")
-            .into());
+        return Err(Problem::new(
+            Code::UnsupportedMediaType,
+            "unsupported content encoding",
+            "this route takes no gzip",
+        )
+        .at("header Content-Encoding")
+        .mend("Send the body as it is.")
+        .into());
     }
     let bytes = Bytes::from(read_body(state, headers, body).await?);
     let value = if bytes.len() <= SMALL_JSON {
@@ -420,8 +432,11 @@ fn of_json(error: &serde_json::Error, pointer: &str) -> Problem {
             Problem::new(Code::Invalid, "unexpected value", said.to_owned()).at(location)
         }
         Category::Syntax | Category::Eof | Category::Io => {
-            let problem = Problem::new(Code::Malformed, "not JSON", said.to_owned())
-                .at(format!("body, line {}, column {}", error.line(), error.column()));
+            let problem = Problem::new(Code::Malformed, "not JSON", said.to_owned()).at(format!(
+                "body, line {}, column {}",
+                error.line(),
+                error.column()
+            ));
             if said.contains("out of range") || said.contains("expected value") {
                 problem.mend("Numbers must be finite and fit a 64-bit float; JSON has no NaN or Infinity.")
             } else {
@@ -470,7 +485,6 @@ where
     T::deserialize(deserializer)
 }
 
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -504,10 +518,7 @@ mod tests {
         assert_eq!(problem(r#"{"a":[1"#).0, Code::Malformed);
         assert_eq!(problem(r#"{"a":[]} {}"#).0, Code::Malformed);
         assert_eq!(problem("  "), (Code::Malformed, "body".into()));
-        assert_eq!(
-            from_json::<Sample>(br#"{"a":[],"b":null}"#).unwrap(),
-            Sample { a: vec![], b: Some(None), c: None }
-        );
+        assert_eq!(from_json::<Sample>(br#"{"a":[],"b":null}"#).unwrap(), Sample { a: vec![], b: Some(None), c: None });
     }
 
     #[test]

@@ -205,9 +205,18 @@ mod tests {
         for good in ["localhost", "LOCALHOST:8080", "127.0.0.1:1", "127.0.0.9", "[::1]", "[::1]:8080"] {
             assert!(is_loopback(good), "{good}");
         }
-        for bad in ["", "lab.example", "localhost.lab.example", "127.0.0.1.lab.example:80", "10.0.0.1", "[::2]:80",
-            "localhost:80@lab.example", "[::1", "null", "[::1]x"]
-        {
+        for bad in [
+            "",
+            "lab.example",
+            "localhost.lab.example",
+            "127.0.0.1.lab.example:80",
+            "10.0.0.1",
+            "[::2]:80",
+            "localhost:80@lab.example",
+            "[::1",
+            "null",
+            "[::1]x",
+        ] {
             assert!(!is_loopback(bad), "{bad}");
         }
     }

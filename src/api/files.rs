@@ -46,11 +46,7 @@ pub(super) struct Budget {
 
 impl Budget {
     pub(super) fn new(limits: &Limits) -> Self {
-        Self {
-            limits: *limits,
-            bytes: limits.max_decompressed_bytes,
-            rows: limits.max_rows.saturating_mul(FULL_FILES),
-        }
+        Self { limits: *limits, bytes: limits.max_decompressed_bytes, rows: limits.max_rows.saturating_mul(FULL_FILES) }
     }
 }
 
@@ -81,15 +77,10 @@ impl File {
         columns: ColumnMapping,
         sample_time_s: Option<f64>,
     ) -> Result<Read, Problem> {
-        let limits = crate::trial::Limits {
-            max_rows: budget.limits.max_rows.min(budget.rows),
-            max_bytes: budget.bytes,
-        };
-        let source: Box<dyn io::Read> = if self.gzip {
-            Box::new(GzipReader::new(&self.bytes[..]))
-        } else {
-            Box::new(&self.bytes[..])
-        };
+        let limits =
+            crate::trial::Limits { max_rows: budget.limits.max_rows.min(budget.rows), max_bytes: budget.bytes };
+        let source: Box<dyn io::Read> =
+            if self.gzip { Box::new(GzipReader::new(&self.bytes[..])) } else { Box::new(&self.bytes[..]) };
         let mut source = Counted { inner: source, count: 0 };
         let read = if self.json {
             json::read(&mut source, sample_time_s, &limits)
@@ -134,9 +125,9 @@ pub fn problem(error: &ReadError) -> Problem {
         | ReadError::Delimiter { .. }
         | ReadError::Ragged { .. }
         | ReadError::BlankLine { .. } => (Code::Malformed, "unreadable CSV"),
-        ReadError::MissingColumns { .. }
-        | ReadError::DuplicateColumn { .. }
-        | ReadError::MappedTwice { .. } => (Code::Invalid, "wrong columns"),
+        ReadError::MissingColumns { .. } | ReadError::DuplicateColumn { .. } | ReadError::MappedTwice { .. } => {
+            (Code::Invalid, "wrong columns")
+        }
         ReadError::UnknownMember { .. }
         | ReadError::DuplicateMember { .. }
         | ReadError::MissingArrays { .. }

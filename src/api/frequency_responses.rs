@@ -73,9 +73,10 @@ impl FromQuery for ResponseQuery {
 pub async fn of_study(
     State(state): State<AppState>,
     Id(id): Id<StudyId>,
-    Params((GroupQuery { group }, (query, response))): Params<(GroupQuery, (CurveQuery, ResponseQuery))>,
+    Params(params): Params<(GroupQuery, (CurveQuery, ResponseQuery))>,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
+    let (GroupQuery { group }, (query, response)) = params;
     state.store.study(id).await?;
     let mut gathered = gather(&state, id, None, group, &query).await?;
     let (subjects, options) = (gathered.subjects, query.options());
@@ -96,8 +97,7 @@ pub async fn of_study(
         }
         _ => Vec::new(),
     };
-    let mut responses =
-        off_thread(move || study_frequency_responses(&subjects, trial, &omega, &options)).await?;
+    let mut responses = off_thread(move || study_frequency_responses(&subjects, trial, &omega, &options)).await?;
     responses.remarks.append(&mut gathered.remarks);
     etag::conditional(&headers, &responses)
 }

@@ -61,9 +61,10 @@ pub async fn of_subject(
 pub async fn of_study(
     State(state): State<AppState>,
     Id(id): Id<StudyId>,
-    Params((GroupQuery { group }, query)): Params<(GroupQuery, CurveQuery)>,
+    Params(params): Params<(GroupQuery, CurveQuery)>,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
+    let (GroupQuery { group }, query) = params;
     state.store.study(id).await?;
     let mut gathered = gather(&state, id, None, group, &query).await?;
     let (subjects, options) = (gathered.subjects, query.options());

@@ -208,7 +208,8 @@ fn identification(report: &TrialReport, plant: &Model) -> Result<Identification,
     let metrics = match result.get("metrics") {
         None | Some(Value::Null) => None,
         Some(value) => Some(
-            serde_json::from_value::<ControllerMetrics>(value.clone()).map_err(|error| format!("its metrics: {error}"))?,
+            serde_json::from_value::<ControllerMetrics>(value.clone())
+                .map_err(|error| format!("its metrics: {error}"))?,
         ),
     };
     Ok(Identification {

@@ -4,6 +4,8 @@
 //! runs on blocking threads, never on those that serve requests. Whatever goes wrong is a
 //! [`Problem`](crate::analysis::Problem) that the [`fence`](router()) around all routes writes as
 //! `application/problem+json`.
+// The macros of `utoipa` write whole paths for what they are given.
+#![allow(unused_qualifications)]
 
 pub mod analyses;
 pub mod checks;

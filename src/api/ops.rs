@@ -50,7 +50,10 @@ impl HttpTelemetry {
 
     fn write(&self, out: &mut String) -> std::fmt::Result {
         let series = self.series.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        writeln!(out, "# HELP volition_http_request_duration_seconds Time from a request's head to its answer's head.")?;
+        writeln!(
+            out,
+            "# HELP volition_http_request_duration_seconds Time from a request's head to its answer's head."
+        )?;
         writeln!(out, "# TYPE volition_http_request_duration_seconds histogram")?;
         for ((method, route, status), series) in series {
             let labels = format!("method=\"{method}\",route=\"{route}\",status=\"{status}\"");
@@ -110,7 +113,7 @@ pub async fn metrics(State(state): State<AppState>, Params(()): Params<()>) -> A
         writeln!(text, "# HELP volition_analyses Stored analyses by status.")?;
         writeln!(text, "# TYPE volition_analyses gauge")?;
         for (status, count) in analyses {
-            writeln!(text, "volition_analyses{{status=\"{}\"}} {count}", super::analyses::status_name(status))?;
+            writeln!(text, "volition_analyses{{status=\"{}\"}} {count}", status.name())?;
         }
         state.telemetry.write(&mut text)
     })();

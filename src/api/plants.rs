@@ -50,7 +50,11 @@ impl From<Plant> for PlantView {
 #[schema(as = NewPlant, example = json!({"name": "gm", "model": {"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}}))]
 pub struct NewPlantBody {
     /// Its name, unique within the study: not blank, without control characters.
-    #[schema(min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$")]
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
     name: String,
     /// Its model: a transfer function with coefficients in descending powers, or state space matrices.
     #[schema(value_type = Model)]
@@ -64,7 +68,12 @@ pub struct NewPlantBody {
 pub struct PlantPatchBody {
     /// A new name.
     #[serde(default, deserialize_with = "present")]
-    #[schema(nullable = false, min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$")]
+    #[schema(
+        nullable = false,
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
     name: Option<String>,
 }
 
@@ -90,20 +99,18 @@ pub fn model(value: &Value, pointer: &str) -> Result<Model, Problem> {
     let model = match (is_transfer_function, is_state_space) {
         (true, false) => from_value(value, pointer).map(Model::TransferFunction),
         (false, true) => from_value(value, pointer).map(Model::StateSpace),
-        (true, true) => Err(Problem::new(
-            Code::Invalid,
-            "no model",
-            "it is a transfer function and a state space model at once",
-        )
-        .at(pointer)),
+        (true, true) => {
+            Err(Problem::new(Code::Invalid, "no model", "it is a transfer function and a state space model at once")
+                .at(pointer))
+        }
         (false, false) => {
             Err(Problem::new(Code::Invalid, "no model", "it has neither num and den nor a, b, c, d").at(pointer))
         }
     }
     .map_err(|problem| problem.mend(FORMS))?;
-    model.shape().map_err(|error| {
-        Problem::new(Code::Invalid, "no usable model", error.to_string()).at(pointer).mend(FORMS)
-    })?;
+    model
+        .shape()
+        .map_err(|error| Problem::new(Code::Invalid, "no usable model", error.to_string()).at(pointer).mend(FORMS))?;
     Ok(model)
 }
 

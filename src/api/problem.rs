@@ -8,7 +8,6 @@ use crate::store::StoreError;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
-use std::error::Error as _;
 use utoipa::ToSchema;
 
 /// The media type of every problem.
@@ -104,9 +103,16 @@ pub fn of_store(error: &StoreError) -> Problem {
                 .at("header Idempotency-Key")
                 .mend("Use a new key for each new request.")
         }
-        StoreError::Damaged(_) | StoreError::Database(_) | StoreError::Migration(_) => {
-            let cause = error.source().map(ToString::to_string).unwrap_or_default();
-            tracing::error!(error = %error, cause, "store failed");
+        _ => {
+            tracing::error!(%error, "store failed");
+            if error.is_transient() {
+                return Problem::new(
+                    Code::Busy,
+                    "the database is busy",
+                    "the database did not take the request in time",
+                )
+                .mend("Try again in a few seconds.");
+            }
             internal()
         }
     }
@@ -180,18 +186,18 @@ impl HttpProblem {
 /// The problem for an error response that came from a library and not from a handler.
 pub(super) fn of_status(status: StatusCode, method: &str, path: &str) -> Problem {
     match status {
-        StatusCode::NOT_FOUND => {
-            Problem::new(Code::NotFound, "no such route", format!("there is nothing at {path}"))
-                .mend("GET /openapi.json lists every route, /docs shows them.")
-        }
+        StatusCode::NOT_FOUND => Problem::new(Code::NotFound, "no such route", format!("there is nothing at {path}"))
+            .mend("GET /openapi.json lists every route, /docs shows them."),
         StatusCode::METHOD_NOT_ALLOWED => {
             Problem::new(Code::MethodNotAllowed, "method not allowed", format!("{path} does not take {method}"))
                 .mend("The Allow header lists the methods that it takes.")
         }
         StatusCode::PAYLOAD_TOO_LARGE => Problem::new(Code::TooLarge, "too large", "the request is too large"),
-        StatusCode::UNSUPPORTED_MEDIA_TYPE => {
-            Problem::new(Code::UnsupportedMediaType, "unsupported media type", "the body's media type is not taken here")
-        }
+        StatusCode::UNSUPPORTED_MEDIA_TYPE => Problem::new(
+            Code::UnsupportedMediaType,
+            "unsupported media type",
+            "the body's media type is not taken here",
+        ),
         status if status.is_client_error() => Problem::new(
             Code::Malformed,
             "bad request",

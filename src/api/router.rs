@@ -4,14 +4,14 @@ use super::fence::fence;
 use super::problem::{HttpProblem, PROBLEM_JSON};
 use super::state::AppState;
 use super::{
-    analyses, docs, events, frequency_responses, learning_curves, ops, plants, signals, studies, study_analyses, subjects,
-    trials, upload,
+    analyses, docs, events, frequency_responses, learning_curves, ops, plants, signals, studies, study_analyses,
+    subjects, trials, upload,
 };
 use axum::Router;
 use utoipa::openapi::header::HeaderBuilder;
 use utoipa::openapi::path::{Operation, ParameterIn};
 use utoipa::openapi::schema::{Schema, Type};
-use utoipa::openapi::{ContentBuilder, ObjectBuilder, OpenApi, Ref, RefOr, Response, ResponseBuilder};
+use utoipa::openapi::{ContentBuilder, ObjectBuilder, OpenApi, Ref, RefOr, Response};
 use utoipa::{OpenApi as _, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -68,10 +68,7 @@ fn routes() -> OpenApiRouter<AppState> {
 /// The whole service.
 pub fn router(state: AppState) -> Router {
     let (router, _) = routes().split_for_parts();
-    router
-        .merge(docs::pages())
-        .layer(axum::middleware::from_fn_with_state(state.clone(), fence))
-        .with_state(state)
+    router.merge(docs::pages()).layer(axum::middleware::from_fn_with_state(state.clone(), fence)).with_state(state)
 }
 
 /// The OpenAPI document.

@@ -66,8 +66,7 @@ pub struct AcceptSignals {
 
 /// The format that the client likes best.
 fn negotiate(headers: &HeaderMap) -> Result<Format, Problem> {
-    let values: Vec<&str> =
-        headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
+    let values: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
     let accept = values.join(",");
     if accept.trim().is_empty() {
         return Ok(Format::Csv);
@@ -137,7 +136,10 @@ pub async fn read(
         (header::ETAG, tag.value()),
         (header::CACHE_CONTROL, super::etag::NO_CACHE),
         (header::VARY, HeaderValue::from_static("accept")),
-        (SAMPLE_TIME, HeaderValue::from_str(&format!("{:?}", trial.sample_time_s)).unwrap_or(HeaderValue::from_static(""))),
+        (
+            SAMPLE_TIME,
+            HeaderValue::from_str(&format!("{:?}", trial.sample_time_s)).unwrap_or(HeaderValue::from_static("")),
+        ),
         (header::CONTENT_DISPOSITION, HeaderValue::from_str(&name).unwrap_or(HeaderValue::from_static("attachment"))),
     ];
     Ok((response_headers, stream(trial, format)).into_response())
@@ -182,14 +184,16 @@ mod tests {
 
     #[test]
     fn the_best_acceptable_format_is_chosen() {
-        let choose = |accept: &str| {
-            negotiate(&HeaderMap::from_iter([(header::ACCEPT, HeaderValue::from_str(accept).unwrap())]))
-        };
+        let choose =
+            |accept: &str| negotiate(&HeaderMap::from_iter([(header::ACCEPT, HeaderValue::from_str(accept).unwrap())]));
         assert_eq!(negotiate(&HeaderMap::new()).unwrap(), Format::Csv);
-        for csv in ["", "*/*", "text/*", "text/csv", "application/json;q=0.5, text/csv", "TEXT/CSV", "text/html, */*;q=0.1"] {
+        for csv in
+            ["", "*/*", "text/*", "text/csv", "application/json;q=0.5, text/csv", "TEXT/CSV", "text/html, */*;q=0.1"]
+        {
             assert_eq!(choose(csv).unwrap(), Format::Csv, "{csv}");
         }
-        for json in ["application/json", "application/*", "text/csv;q=0.2,*/*;q=0.3", "application/json, text/csv;q=0"] {
+        for json in ["application/json", "application/*", "text/csv;q=0.2,*/*;q=0.3", "application/json, text/csv;q=0"]
+        {
             assert_eq!(choose(json).unwrap(), Format::Json, "{json}");
         }
         for bad in ["text/html", "*/*;q=0", "text/csv;q=0", "image/png, application/xml", "nonsense"] {

@@ -48,7 +48,11 @@ impl From<Study> for StudyView {
 #[schema(as = NewStudy, example = json!({"name": "gm and gn", "display_limit": 5.0}))]
 pub struct NewStudyBody {
     /// Its name: not blank, without control characters.
-    #[schema(min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$")]
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
     name: String,
     /// What it is about.
     #[serde(default, deserialize_with = "or_default")]
@@ -67,7 +71,12 @@ pub struct NewStudyBody {
 pub struct StudyPatchBody {
     /// A new name.
     #[serde(default, deserialize_with = "present")]
-    #[schema(nullable = false, min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$")]
+    #[schema(
+        nullable = false,
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
     name: Option<String>,
     /// A new description.
     #[serde(default, deserialize_with = "present")]

@@ -55,11 +55,19 @@ impl From<Subject> for SubjectView {
 #[schema(as = NewSubject, example = json!({"code": "s07", "group": "gm", "attributes": {"handedness": "right"}}))]
 pub struct NewSubjectBody {
     /// Pseudonym, unique within the study: not blank, without control characters. No names of people.
-    #[schema(min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$")]
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
     code: String,
     /// Group.
     #[serde(default)]
-    #[schema(min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$")]
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
     group: Option<String>,
     /// Free attributes, at most 64 KiB.
     #[serde(default = "empty", deserialize_with = "or_default")]
@@ -78,7 +86,12 @@ fn empty() -> Value {
 pub struct SubjectPatchBody {
     /// A new pseudonym.
     #[serde(default, deserialize_with = "present")]
-    #[schema(nullable = false, min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$")]
+    #[schema(
+        nullable = false,
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
     code: Option<String>,
     /// A new group; null takes the subject out of its group.
     #[serde(default, deserialize_with = "present")]

@@ -2,8 +2,7 @@
 
 use super::etag;
 use super::extract::{
-    Encoding, FromQuery, Id, Params, QueryText, encoding, from_json, media_type, off_thread, read_body,
-    unsupported,
+    Encoding, FromQuery, Id, Params, QueryText, encoding, from_json, media_type, off_thread, read_body, unsupported,
 };
 use super::files::{self, File, Read};
 use super::idempotency::{IDEMPOTENT_REPLAYED, Idempotency, IdempotencyHeader};
@@ -379,11 +378,7 @@ fn assignments(files: &[File], metadata: Vec<FileMetadata>, query: &UploadQuery)
 }
 
 /// The plants named, each of the subject's study and with one input and one output.
-async fn plants(
-    state: &AppState,
-    subject: &Subject,
-    wanted: &[Wanted],
-) -> ApiResult<BTreeMap<PlantId, Arc<Plant>>> {
+async fn plants(state: &AppState, subject: &Subject, wanted: &[Wanted]) -> ApiResult<BTreeMap<PlantId, Arc<Plant>>> {
     let mut plants = BTreeMap::new();
     for Wanted { plant: id, plant_at, .. } in wanted {
         if plants.contains_key(id) {
@@ -487,7 +482,8 @@ async fn store(
             .collect();
         match state.store.create_trials(subject.id, new, key).await {
             Ok(outcome) => return Ok((numbers, outcome)),
-            Err(StoreError::Conflict { rule: "trial_number_taken", .. }) if assigned && attempt < NUMBERING_ATTEMPTS => {}
+            Err(StoreError::Conflict { rule: "trial_number_taken", .. })
+                if assigned && attempt < NUMBERING_ATTEMPTS => {}
             Err(StoreError::Conflict { rule: rule @ "trial_number_taken", detail }) => {
                 let problem = Problem::new(Code::Conflict, rule.replace('_', " "), detail)
                     .at("query parameter number")
@@ -501,12 +497,7 @@ async fn store(
 }
 
 /// The numbers asked for; for the others the next free ones of the session, leaving out content that is stored already.
-async fn numbers(
-    state: &AppState,
-    subject: &Subject,
-    wanted: &[Wanted],
-    parsed: &[Parsed],
-) -> ApiResult<Vec<i64>> {
+async fn numbers(state: &AppState, subject: &Subject, wanted: &[Wanted], parsed: &[Parsed]) -> ApiResult<Vec<i64>> {
     let mut stored = Vec::new();
     if wanted.iter().any(|w| w.number.is_none()) {
         let filter = TrialFilter { subject: Some(subject.id), include_divergent: true, ..TrialFilter::default() };

@@ -75,7 +75,8 @@ async fn common_study(connection: &mut SqliteConnection, new: &NewAnalysis) -> S
         let found = found.ok_or_else(|| StoreError::not_found(noun, &id))?;
         match &common {
             Some(study) if *study != found => {
-                let detail = format!("the {noun} {id} is of the study {found}, not of {study}; an analysis is of one study");
+                let detail =
+                    format!("the {noun} {id} is of the study {found}, not of {study}; an analysis is of one study");
                 return Err(StoreError::Conflict { rule: "other_study", detail });
             }
             Some(_) => {}
@@ -270,9 +271,8 @@ impl Store {
     /// # Errors
     /// The database's own.
     pub async fn count_by_status(&self) -> StoreResult<Vec<(Status, u64)>> {
-        let counts: Vec<(String, i64)> = sqlx::query_as("SELECT status, count(*) FROM analyses GROUP BY status")
-            .fetch_all(self.readers())
-            .await?;
+        let counts: Vec<(String, i64)> =
+            sqlx::query_as("SELECT status, count(*) FROM analyses GROUP BY status").fetch_all(self.readers()).await?;
         let count = |status: Status| {
             counts.iter().find(|(name, _)| name == status.name()).map_or(0, |(_, count)| count.unsigned_abs())
         };

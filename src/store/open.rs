@@ -179,9 +179,8 @@ impl Store {
         if !self.inner.scrub_due.swap(false, Ordering::SeqCst) {
             return;
         }
-        let outcome = sqlx::query_as::<_, (i64, i64, i64)>("PRAGMA wal_checkpoint(TRUNCATE)")
-            .fetch_one(&self.inner.writer)
-            .await;
+        let outcome =
+            sqlx::query_as::<_, (i64, i64, i64)>("PRAGMA wal_checkpoint(TRUNCATE)").fetch_one(&self.inner.writer).await;
         match outcome {
             Ok((0, _, _)) => {}
             Ok(_) => {
