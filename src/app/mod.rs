@@ -1,5 +1,8 @@
 //! What the commands do: the parts put together.
 
+pub mod demo;
+pub mod import;
+
 use std::future::Future;
 
 /// Runs a future on a new runtime to its end.

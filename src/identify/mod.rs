@@ -2,3 +2,5 @@
 //! (Zhang 2015, algorithms 2.1, 3.1 and 5.1).
 
 pub mod frequency;
+pub mod pool;
+pub mod time;

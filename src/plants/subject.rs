@@ -13,7 +13,7 @@ use crate::control::time_base::BadSampleTime;
 use crate::control::{Continuous, Discrete, StateSpace, TransferFunction};
 use crate::num::linalg::NoConvergence;
 use crate::num::rng;
-use crate::trial::{Signals, Trial};
+use crate::trial::{Signals, Trial, TrialError};
 use nalgebra::DVector;
 use num_complex::Complex64;
 use rand::RngExt;
@@ -147,6 +147,9 @@ pub enum SubjectError {
     /// The sample time is not positive.
     #[error(transparent)]
     SampleTime(#[from] BadSampleTime),
+    /// The command, or the disturbance, is no column of a trial.
+    #[error(transparent)]
+    Trial(#[from] TrialError),
     /// The poles of the plant could not be found.
     #[error(transparent)]
     NoConvergence(#[from] NoConvergence),
@@ -334,16 +337,14 @@ impl SimulatedSubject {
             output.push(y);
         }
         let sample_time_s = self.time.period_s();
-        Ok(Trial {
-            sample_time_s,
-            signals: Signals {
-                time_s: Some((0..samples).map(|k| k as f64 * sample_time_s).collect()),
-                command: command.to_vec(),
-                control,
-                output,
-                disturbance: disturbance.map(<[f64]>::to_vec),
-            },
-        })
+        let signals = Signals {
+            time_s: Some((0..samples).map(|k| k as f64 * sample_time_s).collect()),
+            command: command.to_vec(),
+            control,
+            output,
+            disturbance: disturbance.map(<[f64]>::to_vec),
+        };
+        Ok(Trial::new(sample_time_s, signals)?)
     }
 
     /// The ideal control `F r(t + preview)`.
