@@ -6,7 +6,7 @@ use super::state::Limits;
 use crate::analysis::{Code, Problem};
 use crate::trial::csv::{self, ColumnMapping, Options};
 use crate::trial::gzip::GzipReader;
-use crate::trial::{Location, ReadError, ReadTrial, Trial, json};
+use crate::trial::{ReadError, ReadTrial, Trial, json};
 use axum::body::{Body, Bytes};
 use axum::extract::{DefaultBodyLimit, FromRequest, Multipart, Request};
 use axum::http::header;
@@ -88,92 +88,20 @@ impl File {
         } else {
             csv::read(&mut source, &Options { columns, sample_time_s, limits })
         };
-        let ReadTrial { trial, ignored_columns } = read.map_err(|error| self.problem(&error))?;
+        let ReadTrial { trial, ignored_columns } = read.map_err(|error| self.problem(error))?;
         budget.bytes = budget.bytes.saturating_sub(source.count);
         budget.rows = budget.rows.saturating_sub(trial.samples());
         Ok(Read { trial, ignored_columns })
     }
 
-    fn problem(&self, error: &ReadError) -> Problem {
-        let problem = problem(error);
-        match (&self.name, &problem.location) {
-            (None, _) => problem,
-            (Some(name), None) => problem.at(format!("file '{}'", shortened(name))),
-            (Some(name), Some(place)) => {
-                let place = format!("file '{}', {place}", shortened(name));
-                problem.at(place)
-            }
-        }
-    }
-}
-
-/// The problem that a file has.
-#[must_use]
-pub fn problem(error: &ReadError) -> Problem {
-    let (code, title) = match error {
-        ReadError::Io(_) => (Code::Malformed, "unreadable data"),
-        ReadError::Gzip(_) => (Code::Malformed, "unreadable gzip"),
-        ReadError::TooManyRows { .. } => (Code::TooLarge, "too many rows"),
-        ReadError::TooManyBytes { .. } => (Code::TooLarge, "too many bytes"),
-        ReadError::Empty => (Code::Malformed, "no data"),
-        ReadError::Json { .. } => (Code::Malformed, "not JSON"),
-        ReadError::LineTooLong { .. }
-        | ReadError::NotUtf8 { .. }
-        | ReadError::CarriageReturn { .. }
-        | ReadError::Quotes { .. }
-        | ReadError::NoHeader
-        | ReadError::Delimiter { .. }
-        | ReadError::Ragged { .. }
-        | ReadError::BlankLine { .. } => (Code::Malformed, "unreadable CSV"),
-        ReadError::MissingColumns { .. } | ReadError::DuplicateColumn { .. } | ReadError::MappedTwice { .. } => {
-            (Code::Invalid, "wrong columns")
-        }
-        ReadError::UnknownMember { .. }
-        | ReadError::DuplicateMember { .. }
-        | ReadError::MissingArrays { .. }
-        | ReadError::WrongType { .. } => (Code::Invalid, "wrong arrays"),
-        ReadError::NoRows
-        | ReadError::EmptyCell { .. }
-        | ReadError::NotANumber { .. }
-        | ReadError::NotFinite { .. }
-        | ReadError::Trial { .. } => (Code::BadSignal, "unusable recording"),
-    };
-    let mut problem = Problem::new(code, title, error.to_string());
-    if let Some(place) = error.location() {
-        problem = problem.at(match place {
-            Location::Line(line) => format!("line {line}"),
-            Location::Column(column) => format!("column {}", shortened(&column)),
-            Location::Cell { line, column } => format!("column {}, line {line}", shortened(&column)),
-            Location::Pointer(pointer) => pointer,
-        });
-    }
-    match mend(error) {
-        Some(advice) => problem.mend(advice),
-        None => problem,
-    }
-}
-
-fn mend(error: &ReadError) -> Option<&'static str> {
-    match error {
-        ReadError::MissingColumns { .. } | ReadError::NoHeader => {
-            Some("Name the columns t,r,u,y[,d] in the first row, or map others with ?columns=command:target,...")
-        }
-        ReadError::TooManyRows { .. } | ReadError::TooManyBytes { .. } => {
-            Some("Split the recording into trials, or send the files in several requests.")
-        }
-        ReadError::Gzip(_) => Some("Pack the file anew with gzip, or send it unpacked."),
-        ReadError::Trial { error: crate::trial::TrialError::NoSampleTime, .. } => {
-            Some("Add a column t with times in seconds, or give ?sample_time_s=.")
-        }
-        ReadError::Trial { error: crate::trial::TrialError::Time(_), .. } => {
-            Some("Resample the recording to a uniform grid, or cut it where samples are missing.")
-        }
-        ReadError::NotFinite { .. } | ReadError::NotANumber { .. } | ReadError::EmptyCell { .. } => {
-            Some("Every cell must hold a finite decimal number; cut the recording where samples are missing.")
-        }
-        ReadError::BlankLine { .. } => Some("Remove the empty line."),
-        ReadError::Delimiter { .. } => Some("Separate the columns by commas."),
-        _ => None,
+    fn problem(&self, error: ReadError) -> Problem {
+        let problem = Problem::from(error);
+        let Some(name) = &self.name else { return problem };
+        let place = match &problem.location {
+            None => format!("file '{}'", shortened(name)),
+            Some(place) => format!("file '{}', {place}", shortened(name)),
+        };
+        problem.at(place)
     }
 }
 
@@ -181,9 +109,9 @@ fn mend(error: &ReadError) -> Option<&'static str> {
 pub(super) fn unpack(packed: &[u8], max_bytes: u64) -> Result<Vec<u8>, Problem> {
     let mut bytes = Vec::new();
     let mut source = GzipReader::new(packed).take(max_bytes.saturating_add(1));
-    source.read_to_end(&mut bytes).map_err(|error| problem(&ReadError::from(error)))?;
+    source.read_to_end(&mut bytes).map_err(|error| Problem::from(ReadError::from(error)))?;
     if bytes.len() as u64 > max_bytes {
-        return Err(problem(&ReadError::TooManyBytes { limit: max_bytes }));
+        return Err(ReadError::TooManyBytes { limit: max_bytes }.into());
     }
     Ok(bytes)
 }

@@ -123,10 +123,10 @@ mod tests {
         }
 
         #[test]
-        fn any_flipped_bit_is_found(values in prop::collection::vec(-1e3_f64..1e3, 1..200), place in any::<prop::sample::Index>(), bit in 0..8_u32) {
+        fn any_flipped_bit_is_found(values in prop::collection::vec(-1e3_f64..1e3, 1..200), place in any::<prop::sample::Index>(), bit in 0..8) {
             let mut packed = pack_column(Channel::Output, &values).unwrap();
             let index = place.index(packed.data.len());
-            packed.data[index] ^= 1_u8 << bit;
+            packed.data[index] ^= 1u8 << bit;
             prop_assert!(unpack_column(&packed).is_err());
         }
     }
