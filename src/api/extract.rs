@@ -425,7 +425,9 @@ fn of_json(error: &serde_json::Error, pointer: &str) -> Problem {
     match error.classify() {
         Category::Data => {
             let pointer = match field_named(said) {
-                Some(field) if !pointer.ends_with(&format!("/{}", escaped(field))) => format!("{pointer}/{}", escaped(field)),
+                Some(field) if !pointer.ends_with(&format!("/{}", escaped(field))) => {
+                    format!("{pointer}/{}", escaped(field))
+                }
                 _ => pointer.to_owned(),
             };
             let location = if pointer.is_empty() { "/".to_owned() } else { pointer };
