@@ -47,8 +47,6 @@ enum Command {
     },
     /// Write the OpenAPI document to standard output.
     Openapi,
-    /// Simulate a study of two groups, identify every trial, and print the learning curves.
-    Demo(app::demo::DemoArgs),
     /// Import a folder of trials (CSV files with an index).
     Import(app::import::ImportArgs),
     /// Execute one analysis from a file, without a server: report on standard output, problems on standard error.
@@ -57,9 +55,9 @@ enum Command {
     Run {
         /// A JSON document {"kind", "inputs", "spec"}; `-` reads standard input.
         spec: PathBuf,
-        /// Compute threads; by default one for each processor.
-        #[arg(long, value_name = "N")]
-        compute_threads: Option<usize>,
+        /// Compute threads; 0 for one on each processor.
+        #[arg(long, value_name = "N", default_value_t = 0)]
+        compute_threads: usize,
     },
 }
 
@@ -92,10 +90,9 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         }
         Command::Openapi => {
             let mut out = std::io::stdout().lock();
-            writeln!(out, "{}", crate::api::openapi_json())?;
+            writeln!(out, "{}", crate::api::document())?;
             Ok(ExitCode::SUCCESS)
         }
-        Command::Demo(args) => app::block_on(app::demo::demo(&args)),
         Command::Import(args) => app::block_on(app::import::import(&args)),
         Command::Run { spec, compute_threads } => app::run::run(&spec, compute_threads),
     }

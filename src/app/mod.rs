@@ -2,6 +2,8 @@
 
 pub mod demo;
 pub mod import;
+pub mod run;
+pub mod serve;
 
 use std::future::Future;
 

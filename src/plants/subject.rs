@@ -147,7 +147,7 @@ pub enum SubjectError {
     /// The sample time is not positive.
     #[error(transparent)]
     SampleTime(#[from] BadSampleTime),
-    /// The command, or the disturbance, is no column of a trial.
+    /// The signals make no trial.
     #[error(transparent)]
     Trial(#[from] TrialError),
     /// The poles of the plant could not be found.

@@ -343,10 +343,10 @@ fn measure(path: &Path, model: &Model) -> Result<(ReadTrial, crate::learning::ti
 }
 
 fn resolve_plant(row: &Row, options: &PlantOptions) -> Result<(String, Model), String> {
-    if let Some(text) = &row.plant {
-        if let Some(model) = options.named.get(text) {
-            return Ok((text.clone(), model.clone()));
-        }
+    if let Some(text) = &row.plant
+        && let Some(model) = options.named.get(text)
+    {
+        return Ok((text.clone(), model.clone()));
     }
     if let Some(model) = &row.model {
         let known = catalogue::Plant::ALL.into_iter().find(|p| {
