@@ -278,7 +278,6 @@ pub async fn create(
         }
         other => other?,
     };
-    state.wake.wake();
     let view = AnalysisView::whole(made.clone().into_inner());
     let location = view.links.itself.clone();
     Ok(mark(created(etag::tagged(StatusCode::ACCEPTED, &view)?, location), &made))
@@ -355,7 +354,6 @@ pub async fn cancel(
     Params(()): Params<()>,
 ) -> ApiResult<Response> {
     let record = state.store.request_cancel(id).await?;
-    state.wake.wake();
     let status = if record.status.is_final() { StatusCode::OK } else { StatusCode::ACCEPTED };
     etag::tagged(status, &AnalysisView::whole(record))
 }
@@ -369,7 +367,6 @@ pub async fn delete(
     Params(()): Params<()>,
 ) -> ApiResult<Response> {
     state.store.delete_analysis(id).await?;
-    state.wake.wake();
     Ok(no_content())
 }
 

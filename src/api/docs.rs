@@ -8,11 +8,8 @@ use axum::response::Response;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 /// The OpenAPI document, as `volition openapi` writes it and as it is committed at `openapi/openapi.json`.
-///
-/// # Panics
-/// Never: the document is made of plain values.
 #[must_use]
-pub fn document() -> String {
+pub fn openapi_json() -> String {
     let mut text = super::openapi().to_pretty_json().unwrap_or_default();
     text.push('\n');
     text
@@ -21,8 +18,8 @@ pub fn document() -> String {
 /// This document.
 #[utoipa::path(get, path = "/openapi.json", tag = "operations", operation_id = "openapi", params(IfNoneMatch),
     responses((status = 200, description = "An OpenAPI 3.1 document.", body = Object)))]
-pub async fn openapi_json(Params(()): Params<()>, headers: HeaderMap) -> ApiResult<Response> {
-    let bytes = document().into_bytes();
+pub async fn read(Params(()): Params<()>, headers: HeaderMap) -> ApiResult<Response> {
+    let bytes = openapi_json().into_bytes();
     let tag = ETag::of_bytes(&bytes);
     if is_known(&headers, &tag) {
         return Ok(not_modified(&tag));

@@ -19,6 +19,9 @@ use uuid::Uuid;
 /// The header that names a request.
 pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
+/// How long a client may pause while the rest of its body is thrown away.
+const DRAIN_PAUSE: Duration = Duration::from_secs(2);
+
 /// Runs a request inside the fence.
 pub(super) async fn fence(State(state): State<AppState>, request: Request, next: Next) -> Response {
     let began = Instant::now();
@@ -149,11 +152,12 @@ fn is_loopback(authority: &str) -> bool {
 fn drained_when_dropped(request: Request, state: &AppState) -> Request {
     let waits = request.headers().contains_key(header::EXPECT);
     let (bytes, time) = (state.limits.max_drained_bytes, state.limits.max_drain_time);
+    let pause = state.limits.body_stall.min(DRAIN_PAUSE);
     request.map(|body| {
         if HttpBody::is_end_stream(&body) {
             return body;
         }
-        Body::from_stream(Drained { inner: Some(body.into_data_stream()), started: !waits, bytes, time })
+        Body::from_stream(Drained { inner: Some(body.into_data_stream()), started: !waits, bytes, time, pause })
     })
 }
 
@@ -163,6 +167,7 @@ struct Drained {
     started: bool,
     bytes: u64,
     time: Duration,
+    pause: Duration,
 }
 
 impl Stream for Drained {
@@ -182,12 +187,12 @@ impl Stream for Drained {
 impl Drop for Drained {
     fn drop(&mut self) {
         let Some(mut body) = self.inner.take() else { return };
-        let (mut left, time) = (self.bytes, self.time);
+        let (mut left, time, pause) = (self.bytes, self.time, self.pause);
         if self.started
             && let Ok(runtime) = tokio::runtime::Handle::try_current()
         {
             runtime.spawn(tokio::time::timeout(time, async move {
-                while let Some(Ok(chunk)) = body.next().await {
+                while let Ok(Some(Ok(chunk))) = tokio::time::timeout(pause, body.next()).await {
                     let Some(rest) = left.checked_sub(chunk.len() as u64) else { break };
                     left = rest;
                 }

@@ -32,9 +32,9 @@ pub mod subjects;
 pub mod trials;
 pub mod upload;
 
-pub use docs::document;
+pub use docs::openapi_json;
 pub use router::{openapi, router};
-pub use state::{AppState, Hosts, Limits, Wake};
+pub use state::{AppState, Hosts, Limits};
 
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};

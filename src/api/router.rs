@@ -62,7 +62,7 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(ops::healthz))
         .routes(routes!(ops::readyz))
         .routes(routes!(ops::metrics))
-        .routes(routes!(docs::openapi_json))
+        .routes(routes!(docs::read))
 }
 
 /// The whole service.

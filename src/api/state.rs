@@ -2,10 +2,9 @@
 
 use super::ops::HttpTelemetry;
 use crate::store::Store;
-use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::Semaphore;
+use tokio::sync::{Mutex, Semaphore};
 use tokio_util::sync::CancellationToken;
 
 /// How much one request may ask of the server.
@@ -60,34 +59,6 @@ pub enum Hosts {
     Loopback,
 }
 
-/// Wakes the embedded worker when there is something to do.
-#[derive(Clone)]
-pub struct Wake(Arc<dyn Fn() + Send + Sync>);
-
-impl Wake {
-    /// Calls `wake` after each analysis that was queued or cancelled.
-    pub fn new(wake: impl Fn() + Send + Sync + 'static) -> Self {
-        Self(Arc::new(wake))
-    }
-
-    /// Does nothing: workers in other processes poll.
-    #[must_use]
-    pub fn none() -> Self {
-        Self::new(|| {})
-    }
-
-    /// Wakes the worker.
-    pub fn wake(&self) {
-        (self.0)();
-    }
-}
-
-impl fmt::Debug for Wake {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Wake")
-    }
-}
-
 /// What every handler shares; cheap to clone.
 #[derive(Debug, Clone)]
 pub struct AppState {
@@ -95,27 +66,27 @@ pub struct AppState {
     pub store: Store,
     /// How much one request may ask.
     pub limits: Limits,
-    /// Wakes the embedded worker.
-    pub wake: Wake,
     /// Which hosts are served.
     pub hosts: Hosts,
     /// Cancelled when the server begins to drain: event streams end, so that connections can close.
     pub shutdown: CancellationToken,
     pub(super) uploads: Arc<Semaphore>,
+    /// Held while free numbers are looked up and taken, so that uploads at the same time do not chase one another.
+    pub(super) numbering: Arc<Mutex<()>>,
     pub(super) telemetry: Arc<HttpTelemetry>,
 }
 
 impl AppState {
-    /// State over a store, with default limits, no embedded worker and loopback hosts only.
+    /// State over a store, with default limits and loopback hosts only.
     #[must_use]
     pub fn new(store: Store) -> Self {
         Self {
             store,
             limits: Limits::default(),
-            wake: Wake::none(),
             hosts: Hosts::Loopback,
             shutdown: CancellationToken::new(),
             uploads: Arc::new(Semaphore::new(Limits::default().concurrent_uploads)),
+            numbering: Arc::default(),
             telemetry: Arc::default(),
         }
     }
@@ -125,13 +96,6 @@ impl AppState {
     pub fn with_limits(mut self, limits: Limits) -> Self {
         self.limits = limits;
         self.uploads = Arc::new(Semaphore::new(limits.concurrent_uploads.max(1)));
-        self
-    }
-
-    /// With a worker to wake.
-    #[must_use]
-    pub fn with_wake(mut self, wake: Wake) -> Self {
-        self.wake = wake;
         self
     }
 

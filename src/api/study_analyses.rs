@@ -139,7 +139,6 @@ pub async fn create(
     .await??;
     let (of_trials, new): (Vec<TrialId>, Vec<_>) = new.into_iter().unzip();
     let made = state.store.create_analyses(new, key.as_ref()).await?;
-    state.wake.wake();
     let analyses: Vec<BulkAnalysis> = made
         .iter()
         .zip(&of_trials)

@@ -25,7 +25,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use utoipa::{IntoParams, ToSchema};
 
-/// How often numbers are chosen anew when other uploads take them at the same time.
+/// How often numbers are chosen anew when another process takes them at the same time.
 const NUMBERING_ATTEMPTS: usize = 5;
 
 /// What the files do not say themselves.
@@ -455,7 +455,7 @@ fn parse_all(
     Ok(parsed)
 }
 
-/// Stores the trials; where numbers were left to the server and another upload took them meanwhile, with others.
+/// Stores the trials; where numbers were left to the server and another process took them meanwhile, with others.
 async fn store(
     state: &AppState,
     subject: &Subject,
@@ -464,6 +464,7 @@ async fn store(
     key: Option<&crate::store::IdempotencyKey>,
 ) -> ApiResult<(Vec<i64>, Vec<Created<TrialRecord>>)> {
     let assigned = wanted.iter().any(|w| w.number.is_none());
+    let _alone = if assigned { Some(state.numbering.lock().await) } else { None };
     for attempt in 1.. {
         let numbers = numbers(state, subject, wanted, parsed).await?;
         let new = wanted
