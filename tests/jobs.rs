@@ -54,7 +54,8 @@ fn every_transition_is_as_the_diagram_says() {
     for (status, cancel_requested, attempts) in states {
         for event in EVENTS {
             let job = Job { status, attempts, cancel_requested };
-            let expected = legal.iter().find(|(from, on, _)| *from == (status, cancel_requested, attempts) && *on == event);
+            let expected =
+                legal.iter().find(|(from, on, _)| *from == (status, cancel_requested, attempts) && *on == event);
             let found = job.apply(event).map(|job| (job.status, job.cancel_requested, job.attempts));
             match expected {
                 Some((_, _, to)) => {

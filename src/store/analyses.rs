@@ -15,7 +15,8 @@ use uuid::Uuid;
 pub(super) const NOUN: &str = "analysis";
 
 /// Everything but the report, which can be large.
-const COLUMNS: &str = "a.id, a.study_id, a.kind, a.request, a.request_sha256, a.spec_sha256, a.status, a.attempts, a.cancel_requested,
+const COLUMNS: &str =
+    "a.id, a.study_id, a.kind, a.request, a.request_sha256, a.spec_sha256, a.status, a.attempts, a.cancel_requested,
     a.progress_done, a.progress_total, a.eta_s, a.problem, a.version, a.created_at, a.started_at, a.finished_at,
     a.updated_at";
 
@@ -75,7 +76,8 @@ async fn common_study(connection: &mut SqliteConnection, new: &NewAnalysis) -> S
         let found = found.ok_or_else(|| StoreError::not_found(noun, &id))?;
         match &common {
             Some(study) if *study != found => {
-                let detail = format!("the {noun} {id} is of the study {found}, not of {study}; an analysis is of one study");
+                let detail =
+                    format!("the {noun} {id} is of the study {found}, not of {study}; an analysis is of one study");
                 return Err(StoreError::Conflict { rule: "other_study", detail });
             }
             Some(_) => {}
@@ -273,9 +275,8 @@ impl Store {
     /// # Errors
     /// The database's own.
     pub async fn count_by_status(&self) -> StoreResult<Vec<(Status, u64)>> {
-        let counts: Vec<(String, i64)> = sqlx::query_as("SELECT status, count(*) FROM analyses GROUP BY status")
-            .fetch_all(self.readers())
-            .await?;
+        let counts: Vec<(String, i64)> =
+            sqlx::query_as("SELECT status, count(*) FROM analyses GROUP BY status").fetch_all(self.readers()).await?;
         let count = |status: Status| {
             counts.iter().find(|(name, _)| name == status.name()).map_or(0, |(_, count)| count.unsigned_abs())
         };

@@ -102,10 +102,7 @@ pub fn on_own_pool<T: Send>(
     let outcome = pool.install(|| catch_unwind(AssertUnwindSafe(work)));
     let cpu_times = pool.broadcast(|_| thread_cpu_time_s());
     drop(pool);
-    let timing = Timing {
-        wall_time_s: begin.elapsed().as_secs_f64(),
-        cpu_time_s: cpu_times.into_iter().sum(),
-    };
+    let timing = Timing { wall_time_s: begin.elapsed().as_secs_f64(), cpu_time_s: cpu_times.into_iter().sum() };
     let stray = stray.lock().unwrap_or_else(PoisonError::into_inner).take();
     let outcome = match (outcome, stray) {
         (Err(payload), _) => Err(ComputeError::Panicked(panic_text(payload.as_ref()))),

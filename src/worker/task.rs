@@ -88,8 +88,9 @@ impl Attendant {
                     ComputeError::NoThreads(_) => "the machine gave no threads to compute on".to_owned(),
                 };
                 Outcome::Problem(
-                    Problem::new(Code::Internal, "the computation broke off", detail)
-                        .mend("Report it with the request; asking again without a change will likely end the same way."),
+                    Problem::new(Code::Internal, "the computation broke off", detail).mend(
+                        "Report it with the request; asking again without a change will likely end the same way.",
+                    ),
                 )
             }
         }
