@@ -447,7 +447,7 @@ async fn a_large_database_is_scrubbed_later_but_surely() {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
     let mut noise = || (0..1_500_000).map(|_| rng.random::<f64>()).collect::<Vec<f64>>();
     let signals = Signals { time_s: None, command: noise(), control: noise(), output: noise(), disturbance: None };
-    let large = of_trial(plant, 1, Trial { sample_time_s: 0.001, signals });
+    let large = of_trial(plant, 1, Trial::new(0.001, signals).unwrap());
     let large_id = store.create_trials(keep, vec![large.clone()], None).await.unwrap().remove(0).into_inner().id;
     store.create_analysis(new_analysis(Vec::new()), None).await.unwrap();
     let lease = store.claim("w", 1e-3).await.unwrap().unwrap().lease;
