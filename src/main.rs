@@ -1,2 +1,7 @@
-//! x
-fn main() {}
+//! The `volition` command.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    volition::cli::run()
+}

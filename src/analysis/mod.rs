@@ -3,6 +3,7 @@
 //! One file per kind. Nothing here knows about HTTP, databases or clocks: a [`Problem`] says what is wrong in words and
 //! leaves the status code to the API.
 
+pub mod frequency_problem;
 pub mod frequency_response;
 pub mod ids;
 pub mod inputs;
@@ -11,9 +12,12 @@ pub mod plan;
 pub mod problem;
 pub mod report;
 pub mod ssid;
+pub mod trial_input;
+pub mod trial_problem;
 
 pub use inputs::{Library, References, StoredTrial};
 pub use kind::{Kind, Request};
 pub use plan::{Failure, Plan};
 pub use problem::{Code, Problem};
 pub use report::{Provenance, Report, Warning};
+pub use trial_input::{PlantNeed, ResolvedTrial, TrialInputs};

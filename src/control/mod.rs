@@ -2,10 +2,21 @@
 //!
 //! Frequencies are angular (rad/s) throughout; matrices of state space models carry the textbook letters A, B, C, D.
 
+pub mod bode;
+pub mod conversion;
+pub mod discretise;
+mod doubled;
+pub mod exponential;
 pub mod model;
+pub mod simulate;
+pub mod stability;
+pub mod state_space;
 pub mod time_base;
 pub mod transfer_function;
+pub mod two_dof;
 
-pub use model::{Model, ModelError, System};
+pub use model::{Model, ModelError, ModelShape, System};
+pub use state_space::StateSpace;
 pub use time_base::{Continuous, Discrete, TimeBase};
 pub use transfer_function::TransferFunction;
+pub use two_dof::TwoDegreesOfFreedom;

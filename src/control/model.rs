@@ -1,7 +1,13 @@
 //! Models as people write them (unchecked) and as algorithms take them (checked).
 
-use super::time_base::{BadSampleTime, Continuous, Discrete};
+use super::conversion::{self, ConversionError};
+use super::state_space::{StateSpace, StateSpaceError};
+use super::time_base::{BadSampleTime, Continuous, Discrete, TimeBase};
 use super::transfer_function::{TransferFunction, TransferFunctionError};
+use crate::num::Polynomial;
+use crate::num::linalg::NoConvergence;
+use nalgebra::DMatrix;
+use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -11,7 +17,7 @@ use utoipa::ToSchema;
 /// `{"a", "b", "c", "d", "sample_time_s"}` has row-major nested arrays. `sample_time_s` is null (or absent) in
 /// continuous time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(untagged)]
+#[serde(untagged, try_from = "Fields")]
 pub enum Model {
     /// Rational transfer function.
     TransferFunction(TransferFunctionModel),
@@ -68,6 +74,88 @@ pub enum ModelError {
     /// The sample time is not positive and finite.
     #[error(transparent)]
     SampleTime(#[from] BadSampleTime),
+    /// Rows of a matrix differ in length.
+    #[error(
+        "{matrix} is ragged: row {row} (counted from 0) has {columns} columns, and row 0 has {expected}; matrices are \
+         nested arrays, row by row"
+    )]
+    Ragged {
+        /// `A`, `B`, `C` or `D`.
+        matrix: &'static str,
+        /// The first row that differs, from 0.
+        row: usize,
+        /// Its number of columns.
+        columns: usize,
+        /// The number of columns of row 0.
+        expected: usize,
+    },
+    /// The matrices are no state space model.
+    #[error(transparent)]
+    StateSpace(#[from] StateSpaceError),
+    /// The state space model has no (usable) transfer function.
+    #[error(transparent)]
+    Conversion(#[from] ConversionError),
+}
+
+/// How many states, inputs and outputs a model has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ModelShape {
+    /// Number of states, n; for a transfer function the degree of its denominator.
+    pub states: usize,
+    /// Number of inputs, m.
+    pub inputs: usize,
+    /// Number of outputs, p.
+    pub outputs: usize,
+}
+
+/// Both forms of a model at once, as they are read: only so can an error name the field that is missing.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Fields {
+    num: Option<Vec<f64>>,
+    den: Option<Vec<f64>>,
+    a: Option<Vec<Vec<f64>>>,
+    b: Option<Vec<Vec<f64>>>,
+    c: Option<Vec<Vec<f64>>>,
+    d: Option<Vec<Vec<f64>>>,
+    sample_time_s: Option<f64>,
+}
+
+impl TryFrom<Fields> for Model {
+    type Error = String;
+
+    fn try_from(fields: Fields) -> Result<Self, String> {
+        const FORMS: &str = "a model has either num and den (transfer function) or a, b, c and d (state space)";
+        let Fields { num, den, a, b, c, d, sample_time_s } = fields;
+        let given: Vec<&str> = [
+            ("num", num.is_some()),
+            ("den", den.is_some()),
+            ("a", a.is_some()),
+            ("b", b.is_some()),
+            ("c", c.is_some()),
+            ("d", d.is_some()),
+        ]
+        .into_iter()
+        .filter_map(|(name, is_given)| is_given.then_some(name))
+        .collect();
+        match (num, den, a, b, c, d) {
+            (Some(num), Some(den), None, None, None, None) => {
+                Ok(Self::TransferFunction(TransferFunctionModel { num, den, sample_time_s }))
+            }
+            (None, None, Some(a), Some(b), Some(c), Some(d)) => {
+                Ok(Self::StateSpace(StateSpaceModel { a, b, c, d, sample_time_s }))
+            }
+            _ if given.is_empty() => Err(format!("{FORMS}; this one has neither")),
+            _ => Err(format!("{FORMS}; this one has {}", given.join(", "))),
+        }
+    }
+}
+
+/// A model in its own form, with its time base.
+enum Checked {
+    TransferFunction(System),
+    Continuous(StateSpace<Continuous>),
+    Discrete(StateSpace<Discrete>),
 }
 
 impl Model {
@@ -77,6 +165,156 @@ impl Model {
         match self {
             Self::TransferFunction(m) => m.sample_time_s,
             Self::StateSpace(m) => m.sample_time_s,
+        }
+    }
+
+    /// The checked single-input single-output system; a state space model is converted to its transfer function
+    /// ([`conversion::to_transfer_function`]).
+    ///
+    /// # Errors
+    /// [`ModelError`], also for a model with several inputs or outputs.
+    pub fn check(&self) -> Result<System, ModelError> {
+        Ok(match self.checked()? {
+            Checked::TransferFunction(system) => system,
+            Checked::Continuous(model) => System::Continuous(conversion::to_transfer_function(&model)?),
+            Checked::Discrete(model) => System::Discrete(conversion::to_transfer_function(&model)?),
+        })
+    }
+
+    /// The number of states, inputs and outputs of any well-formed model, several inputs and outputs included.
+    ///
+    /// # Errors
+    /// [`ModelError`] where sizes disagree, rows are ragged, the sample time is not positive, or a coefficient is not finite.
+    pub fn shape(&self) -> Result<ModelShape, ModelError> {
+        fn shape<T: TimeBase>(model: &StateSpace<T>) -> ModelShape {
+            ModelShape { states: model.states(), inputs: model.inputs(), outputs: model.outputs() }
+        }
+        Ok(match self.checked()? {
+            Checked::TransferFunction(system) => ModelShape { states: system.den().degree(), inputs: 1, outputs: 1 },
+            Checked::Continuous(model) => shape(&model),
+            Checked::Discrete(model) => shape(&model),
+        })
+    }
+
+    fn checked(&self) -> Result<Checked, ModelError> {
+        let time = self.sample_time_s().map(Discrete::new).transpose()?;
+        match self {
+            Self::TransferFunction(m) => Ok(Checked::TransferFunction(match time {
+                None => System::Continuous(TransferFunction::new(&m.num, &m.den, Continuous)?),
+                Some(time) => System::Discrete(TransferFunction::new(&m.num, &m.den, time)?),
+            })),
+            Self::StateSpace(m) => {
+                let (a, d) = (matrix("A", &m.a)?, matrix("D", &m.d)?);
+                // Without states B has no rows to count columns in, and C may be written without rows.
+                let empty = a.nrows() == 0;
+                let b = if empty && m.b.is_empty() { DMatrix::zeros(0, d.ncols()) } else { matrix("B", &m.b)? };
+                let c = if empty && m.c.is_empty() { DMatrix::zeros(d.nrows(), 0) } else { matrix("C", &m.c)? };
+                Ok(match time {
+                    None => Checked::Continuous(StateSpace::new(a, b, c, d, Continuous)?),
+                    Some(time) => Checked::Discrete(StateSpace::new(a, b, c, d, time)?),
+                })
+            }
+        }
+    }
+}
+
+/// The matrix written as nested rows.
+fn matrix(name: &'static str, rows: &[Vec<f64>]) -> Result<DMatrix<f64>, ModelError> {
+    let columns = rows.first().map_or(0, Vec::len);
+    if let Some(row) = rows.iter().position(|r| r.len() != columns) {
+        return Err(ModelError::Ragged { matrix: name, row, columns: rows[row].len(), expected: columns });
+    }
+    Ok(DMatrix::from_fn(rows.len(), columns, |i, j| rows[i][j]))
+}
+
+impl System {
+    /// The frequency response at the angular frequency `omega_rad_s`; not finite where a pole lies there.
+    #[must_use]
+    pub fn response(&self, omega_rad_s: f64) -> Complex64 {
+        match self {
+            Self::Continuous(system) => system.response(omega_rad_s),
+            Self::Discrete(system) => system.response(omega_rad_s),
+        }
+    }
+
+    /// The sample time in seconds; `None` in continuous time.
+    #[must_use]
+    pub fn sample_time_s(&self) -> Option<f64> {
+        match self {
+            Self::Continuous(_) => None,
+            Self::Discrete(system) => Some(system.time().period_s()),
+        }
+    }
+
+    /// The numerator.
+    #[must_use]
+    pub fn num(&self) -> &Polynomial {
+        match self {
+            Self::Continuous(system) => system.num(),
+            Self::Discrete(system) => system.num(),
+        }
+    }
+
+    /// The denominator.
+    #[must_use]
+    pub fn den(&self) -> &Polynomial {
+        match self {
+            Self::Continuous(system) => system.den(),
+            Self::Discrete(system) => system.den(),
+        }
+    }
+
+    /// Degree of the denominator minus degree of the numerator; negative for an improper system.
+    #[must_use]
+    pub fn relative_degree(&self) -> i64 {
+        self.den().degree() as i64 - self.num().degree() as i64
+    }
+
+    /// The roots of the denominator.
+    ///
+    /// # Errors
+    /// [`NoConvergence`] if the eigenvalue iteration fails.
+    pub fn poles(&self) -> Result<Vec<Complex64>, NoConvergence> {
+        self.den().roots()
+    }
+
+    /// The roots of the numerator.
+    ///
+    /// # Errors
+    /// [`NoConvergence`] if the eigenvalue iteration fails.
+    pub fn zeros(&self) -> Result<Vec<Complex64>, NoConvergence> {
+        self.num().roots()
+    }
+
+    /// As written in JSON.
+    #[must_use]
+    pub fn to_model(&self) -> Model {
+        Model::TransferFunction(TransferFunctionModel {
+            num: self.num().coefficients().to_vec(),
+            den: self.den().coefficients().to_vec(),
+            sample_time_s: self.sample_time_s(),
+        })
+    }
+}
+
+impl From<TransferFunction<Continuous>> for System {
+    fn from(system: TransferFunction<Continuous>) -> Self {
+        Self::Continuous(system)
+    }
+}
+
+impl From<TransferFunction<Discrete>> for System {
+    fn from(system: TransferFunction<Discrete>) -> Self {
+        Self::Discrete(system)
+    }
+}
+
+impl<T: TimeBase> From<&TransferFunction<T>> for TransferFunctionModel {
+    fn from(system: &TransferFunction<T>) -> Self {
+        Self {
+            num: system.num().coefficients().to_vec(),
+            den: system.den().coefficients().to_vec(),
+            sample_time_s: system.time().sample_time_s(),
         }
     }
 }

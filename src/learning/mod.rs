@@ -1,3 +1,18 @@
 //! What trials say about learning: time-domain metrics, distances from the inverse dynamics, curves over trials, groups.
+//!
+//! Everything here takes plain values ([`SubjectInput`]), so that a caller with a database, a file or a simulation can use it.
 
+pub mod bode;
+pub mod correlation;
+pub mod curves;
+pub mod frequency_domain;
+pub mod groups;
+pub mod inputs;
+mod quadrature;
 pub mod time_domain;
+pub mod trend;
+
+pub use bode::{StudyFrequencyResponses, TrialSelection, study_frequency_responses};
+pub use curves::{CurveOptions, SubjectLearningCurve, subject_learning_curve};
+pub use groups::{StudyLearningCurves, study_learning_curves};
+pub use inputs::{Identification, PlantName, Remark, SpecChoice, SubjectInput, TrialInput, choose_spec};

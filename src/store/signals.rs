@@ -57,7 +57,8 @@ pub(super) fn unpack(id: &str, sample_time_s: f64, sha256: &str, columns: &[Pack
         output: required(Channel::Output)?,
         disturbance: column(Channel::Disturbance)?,
     };
-    let trial = Trial { sample_time_s, signals };
+    let trial =
+        Trial::new(sample_time_s, signals).map_err(|error| StoreError::Damaged(format!("trial {id}: {error}")))?;
     let found = hexadecimal(&trial.content_sha256());
     if found != sha256 {
         return Err(StoreError::Damaged(format!("trial {id}: its content has the hash {found}, not {sha256}")));
@@ -122,10 +123,10 @@ mod tests {
         }
 
         #[test]
-        fn any_flipped_bit_is_found(values in prop::collection::vec(-1e3_f64..1e3, 1..200), place in any::<prop::sample::Index>(), bit in 0..8_u32) {
+        fn any_flipped_bit_is_found(values in prop::collection::vec(-1e3_f64..1e3, 1..200), place in any::<prop::sample::Index>(), bit in 0..8) {
             let mut packed = pack_column(Channel::Output, &values).unwrap();
             let index = place.index(packed.data.len());
-            packed.data[index] ^= 1_u8 << bit;
+            packed.data[index] ^= 1u8 << bit;
             prop_assert!(unpack_column(&packed).is_err());
         }
     }

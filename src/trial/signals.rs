@@ -1,5 +1,7 @@
 //! The signals of a trial, checked.
 
+use super::error::TrialError;
+use super::sample_time;
 use sha2::{Digest, Sha256};
 
 /// A column of a trial.
@@ -65,16 +67,72 @@ impl Signals {
 
 /// A recorded trial whose columns are equally long, finite and equally spaced in time.
 ///
-/// Made by the readers of this module's siblings, which refuse anything else.
+/// Made by [`Trial::new`] and [`Trial::from_signals`] only, which refuse anything else.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
     /// Time between samples, in seconds.
     pub sample_time_s: f64,
     /// The columns.
     pub signals: Signals,
+    /// Keeps struct literals, which check nothing, out of other modules.
+    checked: (),
 }
 
 impl Trial {
+    /// The fewest samples that have a sample time. Analyses ask for more, each with its reason.
+    pub const MINIMUM_SAMPLES: usize = 2;
+
+    /// A trial with a known sample time, which a time column, where there is one, must agree with.
+    ///
+    /// # Errors
+    /// [`TrialError`]: fewer than [`Trial::MINIMUM_SAMPLES`] samples, columns of unequal lengths, a value that is not
+    /// finite, a sample time that is not positive and finite, or a time column that is not the grid of this sample time
+    /// (see [`sample_time`]).
+    pub fn new(sample_time_s: f64, signals: Signals) -> Result<Self, TrialError> {
+        Self::checked(Some(sample_time_s), signals)
+    }
+
+    /// A trial whose sample time, unless it is given, comes from its time column.
+    ///
+    /// # Errors
+    /// As [`Trial::new`], and [`TrialError::NoSampleTime`] where there is neither.
+    pub fn from_signals(sample_time_s: Option<f64>, signals: Signals) -> Result<Self, TrialError> {
+        Self::checked(sample_time_s, signals)
+    }
+
+    fn checked(given_s: Option<f64>, signals: Signals) -> Result<Self, TrialError> {
+        let samples = signals.output.len();
+        for channel in Channel::ALL {
+            let Some(column) = signals.channel(channel) else { continue };
+            if column.len() != samples {
+                return Err(TrialError::UnequalLengths { channel, samples: column.len(), expected: samples });
+            }
+        }
+        if samples < Self::MINIMUM_SAMPLES {
+            return Err(TrialError::TooFewSamples { samples, minimum: Self::MINIMUM_SAMPLES });
+        }
+        let first_bad = Channel::ALL
+            .into_iter()
+            .filter_map(|channel| {
+                let column = signals.channel(channel)?;
+                let sample = column.iter().position(|value| !value.is_finite())?;
+                Some((sample, channel, column[sample]))
+            })
+            .min_by_key(|(sample, ..)| *sample);
+        if let Some((sample, channel, value)) = first_bad {
+            return Err(TrialError::NotFinite { channel, sample, value });
+        }
+        if let Some(bad) = given_s.filter(|value| !(value.is_normal() && *value > 0.0)) {
+            return Err(TrialError::BadSampleTime(bad));
+        }
+        let sample_time_s = match (&signals.time_s, given_s) {
+            (Some(time_s), _) => sample_time::check(time_s, given_s)?,
+            (None, Some(given_s)) => given_s,
+            (None, None) => return Err(TrialError::NoSampleTime),
+        };
+        Ok(Self { sample_time_s, signals, checked: () })
+    }
+
     /// The number of samples.
     #[must_use]
     pub fn samples(&self) -> usize {

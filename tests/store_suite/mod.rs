@@ -100,7 +100,7 @@ pub fn new_trial(plant: PlantId, number: i64) -> NewTrial {
         output: wave(0.9),
         disturbance: (number % 2 == 0).then(|| wave(0.1)),
     };
-    of_trial(plant, number, Trial { sample_time_s: 0.02, signals })
+    of_trial(plant, number, Trial::new(0.02, signals).unwrap())
 }
 
 pub fn of_trial(plant: PlantId, number: i64, trial: Trial) -> NewTrial {

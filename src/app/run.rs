@@ -1,0 +1,149 @@
+//! `volition run SPEC.json`: one analysis without a server or a database.
+
+use crate::analysis::{Code, Failure, Library, Plan, Problem, Request};
+use crate::num::{Ctl, StopReason};
+use crate::worker::compute;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::fs::File;
+use std::io::{Read as _, Write as _};
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A document larger than this is no spec; trials inline at 1 kHz for an hour fit.
+const MAX_DOCUMENT_BYTES: u64 = 512 << 20;
+
+/// The input is wrong.
+const BAD_INPUT: u8 = 2;
+/// The input can be read, but the analysis came to no report.
+const FAILED: u8 = 1;
+
+/// Executes the document in `path` (`-`: standard input), writes the report to standard output or the problem to
+/// standard error, and says how it went by its exit code: 0, 1 (failed) or 2 (bad input).
+///
+/// # Errors
+/// Only when standard output cannot be written or a thread cannot be started.
+pub fn run(path: &Path, compute_threads: usize) -> anyhow::Result<ExitCode> {
+    let plan = match read(path).and_then(|text| parse(&text)) {
+        Ok(plan) => plan,
+        Err(problem) => return refuse(&problem, BAD_INPUT),
+    };
+    let ctl = Arc::new(Ctl::new());
+    stop_on_ctrl_c(Arc::clone(&ctl))?;
+    let bar = watch(&ctl);
+    let (outcome, _) = compute::run_plan(&plan, &Library::default(), &ctl, compute_threads);
+    bar.finish_and_clear();
+    match outcome {
+        Ok(report) => {
+            let mut out = std::io::stdout().lock();
+            serde_json::to_writer_pretty(&mut out, &report)?;
+            writeln!(out)?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Err(Failure::Problem(problem)) => {
+            let code = if blames_the_input(problem.code) { BAD_INPUT } else { FAILED };
+            refuse(&problem, code)
+        }
+        Err(Failure::Stopped(stopped)) => {
+            let problem = Problem::new(Code::DeadlineExceeded, "the analysis was stopped", stopped.to_string())
+                .mend("Run it again and let it finish.");
+            refuse(&problem, FAILED)
+        }
+    }
+}
+
+fn blames_the_input(code: Code) -> bool {
+    matches!(
+        code,
+        Code::Malformed
+            | Code::Invalid
+            | Code::BadSignal
+            | Code::NotFound
+            | Code::TooLarge
+            | Code::Unaffordable
+            | Code::UnsupportedMediaType
+    )
+}
+
+fn refuse(problem: &Problem, code: u8) -> anyhow::Result<ExitCode> {
+    let mut err = std::io::stderr().lock();
+    serde_json::to_writer_pretty(&mut err, problem)?;
+    writeln!(err)?;
+    Ok(ExitCode::from(code))
+}
+
+fn read(path: &Path) -> Result<String, Problem> {
+    let unreadable = |error: std::io::Error| {
+        Problem::new(Code::Malformed, "the document cannot be read", error.to_string())
+            .at(path.display().to_string())
+            .mend("Give the path of a JSON document in UTF-8, or - for standard input.")
+    };
+    let source: Box<dyn std::io::Read> = if path == Path::new("-") {
+        Box::new(std::io::stdin().lock())
+    } else {
+        Box::new(File::open(path).map_err(unreadable)?)
+    };
+    let mut text = String::new();
+    source.take(MAX_DOCUMENT_BYTES + 1).read_to_string(&mut text).map_err(unreadable)?;
+    if text.len() as u64 > MAX_DOCUMENT_BYTES {
+        return Err(Problem::new(
+            Code::TooLarge,
+            "the document is too large",
+            format!("it has more than {MAX_DOCUMENT_BYTES} bytes"),
+        )
+        .at(path.display().to_string())
+        .mend("Upload the trials to a server and name them by id."));
+    }
+    Ok(text)
+}
+
+fn parse(text: &str) -> Result<Plan, Problem> {
+    let request: Request = serde_json::from_str(text).map_err(|error| {
+        Problem::new(Code::Malformed, "the document is no analysis request", error.to_string())
+            .at(format!("line {}, column {}", error.line(), error.column()))
+            .mend("Write one JSON object {\"kind\", \"inputs\", \"spec\"}.")
+    })?;
+    let plan = Plan::parse(&request)?;
+    if plan.references().is_empty() {
+        return Ok(plan);
+    }
+    Err(Problem::new(
+        Code::Invalid,
+        "there is no database here",
+        "the inputs name stored trials or plants by id, and `run` works without a database",
+    )
+    .at("/inputs")
+    .mend("Put the data itself into the inputs, or post the document to a server at /v1/analyses."))
+}
+
+fn stop_on_ctrl_c(ctl: Arc<Ctl>) -> std::io::Result<()> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    std::thread::Builder::new().name("ctrl-c".to_owned()).spawn(move || {
+        if runtime.block_on(tokio::signal::ctrl_c()).is_ok() {
+            ctl.stop(StopReason::Cancelled);
+        }
+    })?;
+    Ok(())
+}
+
+/// A progress bar on standard error (hidden where that is no terminal), fed from `ctl` by a thread of its own.
+fn watch(ctl: &Arc<Ctl>) -> ProgressBar {
+    let bar = ProgressBar::new(0);
+    if let Ok(style) = ProgressStyle::with_template("{bar:40} {percent:>3} %  {human_pos}/{human_len}  {eta} left") {
+        bar.set_style(style);
+    }
+    let (shown, ctl) = (bar.clone(), Arc::clone(ctl));
+    // The bar is decoration: where no thread can be had, the analysis runs without it.
+    let _ = std::thread::Builder::new().name("progress".to_owned()).spawn(move || {
+        while !shown.is_finished() {
+            let progress = ctl.progress();
+            if progress.total > 0 {
+                shown.set_length(progress.total);
+                shown.set_position(progress.done);
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    });
+    bar
+}

@@ -1,0 +1,102 @@
+//! The command line.
+
+use crate::app;
+use crate::config::{DatabaseArgs, ServeArgs, WorkerArgs};
+use crate::telemetry::{self, LogFormat};
+use clap::{Parser, Subcommand};
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Which control law, and which intent, produced this human motion?
+#[derive(Debug, Parser)]
+#[command(name = "volition", version, about, max_term_width = 110)]
+struct Cli {
+    /// How log lines are written to standard error.
+    #[arg(long, global = true, value_enum, default_value = "text", env = "VOLITION_LOG_FORMAT")]
+    log_format: LogFormat,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Serve the API, with an embedded database and worker.
+    Serve {
+        #[command(flatten)]
+        serve: ServeArgs,
+        #[command(flatten)]
+        database: DatabaseArgs,
+        #[command(flatten)]
+        worker: WorkerArgs,
+    },
+    /// Compute queued analyses of a database that a server (or nobody) serves.
+    Worker {
+        #[command(flatten)]
+        database: DatabaseArgs,
+        #[command(flatten)]
+        worker: WorkerArgs,
+        /// Stop when nothing is queued or running any more.
+        #[arg(long)]
+        until_idle: bool,
+    },
+    /// Make the database, or bring its schema up to date.
+    Migrate {
+        #[command(flatten)]
+        database: DatabaseArgs,
+    },
+    /// Write the OpenAPI document to standard output.
+    Openapi,
+    /// Simulate a study of two groups, identify every trial, and print the learning curves.
+    Demo(app::demo::DemoArgs),
+    /// Import a folder of trials (CSV files with an index).
+    Import(app::import::ImportArgs),
+    /// Execute one analysis from a file, without a server: report on standard output, problems on standard error.
+    ///
+    /// Exits with 0 for a report, 1 for an analysis that failed, 2 for bad input.
+    Run {
+        /// A JSON document {"kind", "inputs", "spec"}; `-` reads standard input.
+        spec: PathBuf,
+        /// Compute threads; 0 for one on each processor.
+        #[arg(long, value_name = "N", default_value_t = 0)]
+        compute_threads: usize,
+    },
+}
+
+/// Parses the command line and does what it says.
+#[must_use]
+pub fn run() -> ExitCode {
+    let cli = Cli::parse();
+    let level = if matches!(cli.command, Command::Serve { .. } | Command::Worker { .. }) { "info" } else { "warn" };
+    telemetry::start(cli.log_format, level);
+    match execute(cli.command) {
+        Ok(code) => code,
+        Err(error) => {
+            // Standard error may be gone; there is nobody left to tell.
+            let _ = writeln!(std::io::stderr(), "volition: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn execute(command: Command) -> anyhow::Result<ExitCode> {
+    match command {
+        Command::Serve { serve, database, worker } => {
+            app::block_on(app::serve::serve(&serve, &database, &worker)).map(|()| ExitCode::SUCCESS)
+        }
+        Command::Worker { database, worker, until_idle } => {
+            app::block_on(app::serve::work(&database, &worker, until_idle)).map(|()| ExitCode::SUCCESS)
+        }
+        Command::Migrate { database } => {
+            app::block_on(app::serve::migrate(&database)).map(|()| ExitCode::SUCCESS)
+        }
+        Command::Openapi => {
+            let mut out = std::io::stdout().lock();
+            writeln!(out, "{}", crate::api::openapi_json())?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Demo(args) => app::block_on(app::demo::demo(&args)),
+        Command::Import(args) => app::block_on(app::import::import(&args)),
+        Command::Run { spec, compute_threads } => app::run::run(&spec, compute_threads),
+    }
+}

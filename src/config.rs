@@ -1,0 +1,119 @@
+//! Settings as given (flags, or environment variables of the same names) and their checks.
+
+use crate::api::Limits;
+use crate::worker::WorkerSettings;
+use clap::Args;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+/// Where the database is.
+#[derive(Debug, Clone, Args)]
+pub struct DatabaseArgs {
+    /// Database file; made if it does not exist.
+    #[arg(long, value_name = "FILE", default_value = "volition.db", env = "VOLITION_DATABASE")]
+    pub database: PathBuf,
+}
+
+/// How a worker works.
+#[derive(Debug, Clone, Args)]
+pub struct WorkerArgs {
+    /// Analyses computed at the same time.
+    #[arg(long, value_name = "N", default_value_t = 1, env = "VOLITION_CONCURRENCY")]
+    pub concurrency: usize,
+    /// Compute threads of each analysis; 0 for one on each processor.
+    #[arg(long, value_name = "N", default_value_t = 0, env = "VOLITION_COMPUTE_THREADS")]
+    pub compute_threads: usize,
+    /// Seconds after which a silent worker counts as dead.
+    #[arg(long, value_name = "SECONDS", default_value_t = 15.0, env = "VOLITION_LEASE_S")]
+    pub lease_s: f64,
+    /// Deaths of its worker after which an analysis fails.
+    #[arg(long, value_name = "N", default_value_t = 5, env = "VOLITION_MAX_ATTEMPTS")]
+    pub max_attempts: u32,
+    /// Seconds that running analyses are given to finish when the process is asked to stop.
+    #[arg(long, value_name = "SECONDS", default_value_t = 20.0, env = "VOLITION_DRAIN_S")]
+    pub drain_s: f64,
+    /// Seconds that one analysis may take in all; no limit by default.
+    #[arg(long, value_name = "SECONDS", env = "VOLITION_DEADLINE_S")]
+    pub deadline_s: Option<f64>,
+}
+
+/// How the server serves.
+#[derive(Debug, Clone, Args)]
+pub struct ServeArgs {
+    /// Address and port to listen on; loopback only.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080", env = "VOLITION_LISTEN")]
+    pub listen: SocketAddr,
+    /// Largest request body, in MiB.
+    #[arg(long, value_name = "MIB", default_value_t = 64, env = "VOLITION_MAX_BODY_MIB")]
+    pub max_body_mib: usize,
+    /// Largest trial, in rows.
+    #[arg(long, value_name = "ROWS", default_value_t = 2_000_000, env = "VOLITION_MAX_ROWS")]
+    pub max_rows: usize,
+    /// Serve only; leave the analyses to `volition worker` processes.
+    #[arg(long, env = "VOLITION_NO_WORKER")]
+    pub no_worker: bool,
+}
+
+/// Settings that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// Anybody on the network could read and delete the lab's data.
+    #[error(
+        "refusing to listen on {0}: there are no access tokens yet, so everybody who reaches that address could read \
+         and delete the lab's data. Listen on 127.0.0.1 or [::1] and let others in through an SSH tunnel or a reverse \
+         proxy that authenticates them"
+    )]
+    NotLoopback(SocketAddr),
+    /// A limit of zero would refuse everything.
+    #[error("{0} must be at least 1")]
+    Zero(&'static str),
+}
+
+impl ServeArgs {
+    /// The address, if it may be served.
+    ///
+    /// # Errors
+    /// [`ConfigError::NotLoopback`] for any other address.
+    pub fn checked_listen(&self) -> Result<SocketAddr, ConfigError> {
+        if self.listen.ip().is_loopback() { Ok(self.listen) } else { Err(ConfigError::NotLoopback(self.listen)) }
+    }
+
+    /// The limits on uploads.
+    ///
+    /// # Errors
+    /// [`ConfigError::Zero`] for a limit of zero.
+    pub fn limits(&self) -> Result<Limits, ConfigError> {
+        if self.max_body_mib == 0 {
+            return Err(ConfigError::Zero("--max-body-mib"));
+        }
+        if self.max_rows == 0 {
+            return Err(ConfigError::Zero("--max-rows"));
+        }
+        let max_body_bytes = self.max_body_mib.saturating_mul(1 << 20);
+        Ok(Limits {
+            max_body_bytes,
+            // Numbers written as text compress to about an eighth; more than that is a bomb.
+            max_decompressed_bytes: max_body_bytes.saturating_mul(8) as u64,
+            max_rows: self.max_rows,
+            ..Limits::default()
+        })
+    }
+}
+
+impl WorkerArgs {
+    /// The settings; [`crate::worker::Worker::new`] checks them.
+    #[must_use]
+    pub fn settings(&self) -> WorkerSettings {
+        WorkerSettings {
+            concurrency: self.concurrency,
+            compute_threads: self.compute_threads,
+            lease_s: self.lease_s,
+            // A worker must miss several signs of life before it counts as dead.
+            heartbeat_s: self.lease_s / 5.0,
+            max_attempts: self.max_attempts,
+            drain_s: self.drain_s,
+            deadline_s: self.deadline_s,
+            ..WorkerSettings::default()
+        }
+    }
+}

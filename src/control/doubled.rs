@@ -1,0 +1,68 @@
+//! Numbers of doubled precision: the unevaluated sum of two `f64` (Dekker, Numer. Math. 18, 224–242, 1971).
+//!
+//! Recursive filters need them: poles near z = 1, as fast sampling makes them, amplify each rounding by 1/D(1), which
+//! is 10⁹ for an ordinary plant of fourth order at 500 Hz.
+
+/// `high + low`, with `|low|` at most half a unit in the last place of `high`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Doubled {
+    high: f64,
+    low: f64,
+}
+
+impl Doubled {
+    fn quick_sum(high: f64, low: f64) -> Self {
+        let sum = high + low;
+        Self { high: sum, low: low - (sum - high) }
+    }
+
+    pub fn value(self) -> f64 {
+        self.high
+    }
+
+    pub fn add(self, other: Self) -> Self {
+        let sum = self.high + other.high;
+        let part = sum - self.high;
+        let error = (self.high - (sum - part)) + (other.high - part);
+        Self::quick_sum(sum, error + self.low + other.low)
+    }
+
+    pub fn sub(self, other: Self) -> Self {
+        self.add(Self { high: -other.high, low: -other.low })
+    }
+
+    /// The product with a number.
+    pub fn mul(self, factor: f64) -> Self {
+        let product = self.high * factor;
+        let error = self.high.mul_add(factor, -product);
+        Self::quick_sum(product, error + self.low * factor)
+    }
+
+    /// The quotient by a number.
+    pub fn div(self, divisor: f64) -> Self {
+        let quotient = self.high / divisor;
+        let remainder = (-quotient).mul_add(divisor, self.high) + self.low;
+        Self::quick_sum(quotient, remainder / divisor)
+    }
+}
+
+impl From<f64> for Doubled {
+    fn from(high: f64) -> Self {
+        Self { high, low: 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Doubled;
+
+    #[test]
+    fn what_a_single_f64_would_lose_is_kept() {
+        let sum = Doubled::from(1e16).add(1.0.into()).sub(1e16.into());
+        assert_eq!(sum.value(), 1.0);
+        let third = Doubled::from(1.0).div(3.0);
+        assert_eq!(third.mul(3.0).sub(1.0.into()).value(), 0.0);
+        let product = Doubled::from(1.0 + f64::EPSILON).mul(1.0 - f64::EPSILON).sub(1.0.into());
+        assert_eq!(product.value(), -f64::EPSILON * f64::EPSILON);
+    }
+}

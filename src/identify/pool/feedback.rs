@@ -1,0 +1,261 @@
+//! The feedback controllers of a pool: a table that is walked, never stored.
+
+use super::factor::Factor;
+use super::routh::{self, LANES};
+use crate::num::{Ctl, Stopped};
+use rayon::prelude::*;
+
+/// Blocks that the table is cut into, if it has so many rows.
+const BLOCKS: usize = 4096;
+
+/// Raw gains tested between two looks at the stop flag (about 20 ms).
+const TESTS_PER_CHECK: usize = 1 << 20;
+
+/// How a listed gain becomes the leading coefficient of a numerator.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Normalisation {
+    /// The numerators are taken as they are.
+    None,
+    /// A gain is the peak of |Gfb| over a band: per denominator and numerator, the peak at gain one, computed on the fly
+    /// from the squared moduli as quadratics of the same variable.
+    Peak {
+        /// `|D|²` per denominator, and whether D vanishes on the band.
+        denominators: Vec<([f64; 3], bool)>,
+        /// `|N|²` per numerator.
+        numerators: Vec<[f64; 3]>,
+        /// The band in that variable.
+        band: [f64; 2],
+    },
+}
+
+/// One feedback controller of the table.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Feedback {
+    /// Position of its denominator.
+    pub denominator: usize,
+    /// Position of its numerator; `None` for zero feedback.
+    pub numerator: Option<usize>,
+    /// The factor in front of that numerator; 0 for zero feedback.
+    pub gain: f64,
+    /// Position of the gain in the list; `None` for zero feedback.
+    pub gain_position: Option<usize>,
+}
+
+/// The feedback part of a pool, on a plant: every `gain · numerator / denominator` whose closed loop is stable.
+///
+/// # Order
+/// The denominator is outermost; within it zero feedback comes first (once, where the gains hold zero), then the numerators,
+/// and within a numerator the gains in listed order. Controllers whose closed loop is not stable within the margin are
+/// left out and not counted.
+#[derive(Debug, Clone)]
+pub struct FeedbackTable {
+    pub(super) denominators: Vec<Factor>,
+    pub(super) numerators: Vec<Factor>,
+    pub(super) gains: Vec<f64>,
+    pub(super) zero: bool,
+    pub(super) normalisation: Normalisation,
+    /// Mapped plant denominator and numerator, both homogenised to the degree of the denominator.
+    pub(super) plant: (Vec<f64>, Vec<f64>),
+    /// Leading zeros of every closed-loop polynomial, from padding.
+    padding: usize,
+    /// Rows (denominator, zero or numerator) per block.
+    rows_per_block: usize,
+    /// Number of controllers before each block, and in all.
+    before: Vec<u64>,
+}
+
+impl FeedbackTable {
+    /// Counts the stable controllers and makes the table.
+    ///
+    /// # Errors
+    /// [`Stopped`] when `ctl` says so.
+    pub(super) fn new(
+        denominators: Vec<Factor>,
+        numerators: Vec<Factor>,
+        gains: Vec<f64>,
+        zero: bool,
+        normalisation: Normalisation,
+        plant: (Vec<f64>, Vec<f64>),
+        padding: usize,
+        ctl: &Ctl,
+    ) -> Result<Self, Stopped> {
+        let mut table = Self {
+            denominators,
+            numerators,
+            gains,
+            zero,
+            normalisation,
+            plant,
+            padding,
+            rows_per_block: 1,
+            before: vec![0],
+        };
+        let rows = table.rows();
+        table.rows_per_block = rows.div_ceil(BLOCKS).max(1);
+        let blocks = rows.div_ceil(table.rows_per_block);
+        let counts = (0..blocks)
+            .into_par_iter()
+            .map(|block| {
+                let mut count = 0;
+                table.walk(block, ctl, |_| {
+                    count += 1;
+                    Ok(())
+                })?;
+                Ok(count)
+            })
+            .collect::<Result<Vec<u64>, Stopped>>()?;
+        for count in counts {
+            table.before.push(table.before[table.before.len() - 1] + count);
+        }
+        Ok(table)
+    }
+
+    /// The number of stable controllers.
+    #[must_use]
+    pub fn len(&self) -> u64 {
+        self.before[self.before.len() - 1]
+    }
+
+    /// Whether no controller is stable.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The number of blocks, the units of parallel work.
+    #[must_use]
+    pub fn blocks(&self) -> usize {
+        self.before.len() - 1
+    }
+
+    /// The number of controllers before a block (or in all, for the block after the last).
+    #[must_use]
+    pub fn before(&self, block: usize) -> u64 {
+        self.before[block]
+    }
+
+    /// The denominators, in order.
+    #[must_use]
+    pub fn denominators(&self) -> &[Factor] {
+        &self.denominators
+    }
+
+    /// The numerators at gain one, in order.
+    #[must_use]
+    pub fn numerators(&self) -> &[Factor] {
+        &self.numerators
+    }
+
+    /// The listed gains other than zero, in order.
+    #[must_use]
+    pub fn gains(&self) -> &[f64] {
+        &self.gains
+    }
+
+    /// Numerator and denominator coefficients of a controller, descending powers.
+    #[must_use]
+    pub fn coefficients(&self, feedback: Feedback) -> (Vec<f64>, Vec<f64>) {
+        let denominator = self.denominators[feedback.denominator].coefficients.clone();
+        let numerator = feedback
+            .numerator
+            .map_or_else(|| vec![0.0], |i| self.numerators[i].coefficients.iter().map(|c| feedback.gain * c).collect());
+        (numerator, denominator)
+    }
+
+    /// The controller at a position.
+    ///
+    /// # Panics
+    /// If there is none, which is a mistake of the caller.
+    #[must_use]
+    pub fn get(&self, index: u64) -> Feedback {
+        assert!(index < self.len(), "feedback {index} of {}", self.len());
+        let block = self.before.partition_point(|b| *b <= index) - 1;
+        let mut left = index - self.before[block];
+        let mut found = None;
+        let never = Ctl::new();
+        // The walk ends early by the only error that it knows.
+        let _ = self.walk(block, &never, |feedback| {
+            if left == 0 {
+                found = Some(feedback);
+                return Err(Stopped(crate::num::StopReason::Cancelled));
+            }
+            left -= 1;
+            Ok(())
+        });
+        match found {
+            Some(feedback) => feedback,
+            None => unreachable!("block {block} has fewer controllers than were counted"),
+        }
+    }
+
+    /// Visits the stable controllers of a block in order.
+    ///
+    /// # Errors
+    /// [`Stopped`] when `ctl` or the visitor says so.
+    pub fn walk<F>(&self, block: usize, ctl: &Ctl, mut visit: F) -> Result<(), Stopped>
+    where
+        F: FnMut(Feedback) -> Result<(), Stopped>,
+    {
+        let per_denominator = self.numerators.len() + usize::from(self.zero);
+        let first = block * self.rows_per_block;
+        let last = (first + self.rows_per_block).min(self.rows());
+        let mut opened = None;
+        let mut base = Vec::new();
+        let mut tests = 0;
+        for row in first..last {
+            let (denominator, slot) = (row / per_denominator, row % per_denominator);
+            if opened != Some(denominator) {
+                base = super::super::time::multiply(&self.plant.0, &self.denominators[denominator].mapped);
+                opened = Some(denominator);
+            }
+            if self.zero && slot == 0 {
+                let nothing = vec![0.0; base.len()];
+                if routh::stable(&base[self.padding..], &nothing[self.padding..], &[0.0; LANES])[0] {
+                    visit(Feedback { denominator, numerator: None, gain: 0.0, gain_position: None })?;
+                }
+                continue;
+            }
+            let numerator = slot - usize::from(self.zero);
+            let Some(unit) = self.unit(denominator, numerator) else { continue };
+            let step = super::super::time::multiply(&self.plant.1, &self.numerators[numerator].mapped);
+            for (chunk, listed) in self.gains.chunks(LANES).enumerate() {
+                let mut gains = [0.0; LANES];
+                for (gain, value) in gains.iter_mut().zip(listed) {
+                    *gain = value * unit;
+                }
+                let stable = routh::stable(&base[self.padding..], &step[self.padding..], &gains);
+                for (lane, gain) in gains.iter().enumerate().take(listed.len()) {
+                    if stable[lane] {
+                        let gain_position = Some(chunk * LANES + lane);
+                        visit(Feedback { denominator, numerator: Some(numerator), gain: *gain, gain_position })?;
+                    }
+                }
+            }
+            tests += self.gains.len();
+            if tests > TESTS_PER_CHECK {
+                tests = 0;
+                ctl.check()?;
+            }
+        }
+        ctl.check()
+    }
+
+    fn rows(&self) -> usize {
+        self.denominators.len() * (self.numerators.len() + usize::from(self.zero))
+    }
+
+    /// The factor that turns a listed gain into the numerator's; `None` where the peak is infinite.
+    fn unit(&self, denominator: usize, numerator: usize) -> Option<f64> {
+        match &self.normalisation {
+            Normalisation::None => Some(1.0),
+            Normalisation::Peak { denominators, numerators, band } => {
+                let (d, vanishes) = &denominators[denominator];
+                if *vanishes {
+                    return None;
+                }
+                let peak = super::peak::largest_ratio(&numerators[numerator], d, band[0], band[1]).sqrt();
+                (peak.is_finite() && peak > 0.0).then(|| 1.0 / peak)
+            }
+        }
+    }
+}

@@ -1,0 +1,328 @@
+//! What a checked pool is made of, before a plant decides which candidates are stable.
+
+use super::Pool;
+use super::factor::Factor;
+use super::feedback::{FeedbackTable, Normalisation};
+use super::roots::RootPair;
+use super::routh::{self, LANES, LARGEST_DEGREE};
+use super::spec::{PoolSpecError, refuse};
+use crate::control::System;
+use crate::identify::time::{Region, Time};
+use crate::num::{Ctl, Stopped};
+
+/// The most combinations of denominator, numerator and gain whose stability is tested.
+const LARGEST_TABLE: u128 = 200_000_000_000;
+
+/// The polynomials of a list.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Ingredients {
+    /// `x^n`: in sampled time the denominator of an FIR filter; 1 for n = 0.
+    Power(usize),
+    /// Monic polynomials with these roots.
+    Roots(Vec<RootPair>),
+    /// Coefficients in descending powers, equally long.
+    Coefficients(Vec<Vec<f64>>),
+}
+
+impl Ingredients {
+    /// How many polynomials.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Power(_) => 1,
+            Self::Roots(roots) => roots.len(),
+            Self::Coefficients(rows) => rows.len(),
+        }
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The degree that all of them have.
+    #[must_use]
+    pub fn degree(&self) -> usize {
+        match self {
+            Self::Power(n) => *n,
+            Self::Roots(roots) => roots.first().map_or(0, |r| r.degree()),
+            Self::Coefficients(rows) => rows.first().map_or(0, |row| row.len() - 1),
+        }
+    }
+
+    fn factors(&self, region: Region, degree: usize) -> Vec<Factor> {
+        match self {
+            Self::Power(n) => {
+                let mut coefficients = vec![0.0; n + 1];
+                coefficients[0] = 1.0;
+                vec![Factor::from_coefficients(coefficients, region, degree)]
+            }
+            Self::Roots(roots) => roots.iter().map(|r| Factor::from_roots(*r, region, degree)).collect(),
+            Self::Coefficients(rows) => {
+                rows.iter().map(|row| Factor::from_coefficients(row.clone(), region, degree)).collect()
+            }
+        }
+    }
+
+    /// `|P|²` of each as a quadratic in ω² or 1 − cos ωT, and whether P vanishes on the band.
+    fn squares(&self, time: Time, band: [f64; 2]) -> Vec<([f64; 3], bool)> {
+        let square = |pair: &RootPair| {
+            let quadratic = match time {
+                Time::Continuous => pair.square(),
+                Time::Sampled(t) => pair.matched_square(t.period_s()),
+            };
+            (quadratic, pair.vanishes_on(band[0], band[1]))
+        };
+        match self {
+            Self::Roots(roots) => roots.iter().map(square).collect(),
+            // Only lists of roots have peak gains.
+            Self::Power(_) | Self::Coefficients(_) => vec![([1.0, 0.0, 0.0], false); self.len()],
+        }
+    }
+}
+
+/// A checked pool without a plant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recipe {
+    /// Whether it is sampled; `None`: as the plant.
+    pub sampled: Option<bool>,
+    /// Denominators of the feedforward controller.
+    pub feedforward: Ingredients,
+    /// Degree of the feedforward numerator.
+    pub feedforward_numerator_degree: usize,
+    /// Degree of the feedforward denominator.
+    pub feedforward_denominator_degree: usize,
+    /// Numerators of the feedback controller at gain one.
+    pub feedback_numerators: Ingredients,
+    /// Denominators of the feedback controller.
+    pub feedback_denominators: Ingredients,
+    /// Gains other than zero, with their signs, without repeats.
+    pub gains: Vec<f64>,
+    /// Whether no feedback belongs to the pool.
+    pub zero_gain: bool,
+    /// The band over which gains are peaks, in rad/s; `None`: gains multiply the numerators as they are.
+    pub band_rad_s: Option<[f64; 2]>,
+    /// Stability margin in 1/s.
+    pub margin: f64,
+}
+
+/// Why a recipe and a plant make no pool.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PoolError {
+    /// Somebody asked it to stop.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
+    /// The pool is continuous and the plant sampled.
+    #[error("the pool is continuous and the plant sampled ({sample_time_s} s)")]
+    ContinuousPoolSampledPlant {
+        /// The plant's sample time.
+        sample_time_s: f64,
+    },
+    /// The pool is sampled and the plant continuous: it has to be discretised first.
+    #[error("the pool is sampled and the plant continuous")]
+    SampledPoolContinuousPlant,
+    /// G Gfb is not strictly proper (assumption A2.2 of Zhang 2015).
+    #[error(
+        "the loop G Gfb must be strictly proper: plant {plant_numerator}/{plant_denominator} with feedback \
+         {feedback_numerator}/{feedback_denominator} (degrees of numerator/denominator) is not"
+    )]
+    NotStrictlyProper {
+        /// Degree of the plant's numerator.
+        plant_numerator: usize,
+        /// Degree of the plant's denominator.
+        plant_denominator: usize,
+        /// Degree of the feedback numerator.
+        feedback_numerator: usize,
+        /// Degree of the feedback denominator.
+        feedback_denominator: usize,
+    },
+    /// The plant is zero.
+    #[error("the plant is zero")]
+    ZeroPlant,
+    /// The closed loop has too high a degree.
+    #[error("the closed loop has degree {degree}, and at most {limit} is taken")]
+    DegreeTooHigh {
+        /// Its degree.
+        degree: usize,
+        /// The limit.
+        limit: usize,
+    },
+    /// A sampled system would act before its input.
+    #[error(
+        "the {part} has a numerator of degree {numerator} over degree {denominator}: it would act before its input"
+    )]
+    Noncausal {
+        /// `plant`, `feedback` or `feedforward`.
+        part: &'static str,
+        /// Degree of the numerator.
+        numerator: usize,
+        /// Degree of the denominator.
+        denominator: usize,
+    },
+    /// A continuous feedforward without denominator was given one's degree.
+    #[error("a continuous feedforward without listed denominators has denominator degree 0, not {0}")]
+    NoDenominators(usize),
+    /// The peak gain is meant over frequencies that a sampled controller does not have.
+    #[error("the band of the peak gain ends at {band} rad/s, above the Nyquist frequency {nyquist} rad/s")]
+    AboveNyquist {
+        /// Upper end of the band.
+        band: f64,
+        /// π over the sample time.
+        nyquist: f64,
+    },
+    /// More combinations than can be tested for stability.
+    #[error(
+        "{combinations} combinations of feedback denominator, numerator and gain, and at most {LARGEST_TABLE} are tested"
+    )]
+    TooLarge {
+        /// How many.
+        combinations: u128,
+    },
+    /// More candidates than 64 bits can number.
+    #[error("more than 2^64 candidates")]
+    Overflow,
+    /// No feedforward denominator is stable within the margin.
+    #[error("none of the {0} feedforward denominators is stable within the margin")]
+    NoFeedforward(usize),
+    /// No feedback controller makes the loop stable within the margin.
+    #[error(
+        "none of the {0} combinations of feedback denominator, numerator and gain makes the loop stable within the margin"
+    )]
+    NoFeedback(u128),
+}
+
+impl Recipe {
+    pub(super) fn checked(self) -> Result<Self, PoolSpecError> {
+        if self.gains.is_empty() && !self.zero_gain {
+            return Err(refuse("pool", "the pool has no gain".to_owned()));
+        }
+        for (field, degree) in [
+            ("feedforward_numerator_degree", self.feedforward_numerator_degree),
+            ("feedforward_denominator_degree", self.feedforward_denominator_degree),
+        ] {
+            if degree > LARGEST_DEGREE {
+                return Err(refuse(field, format!("the degree is {degree}, and at most {LARGEST_DEGREE} is taken")));
+            }
+        }
+        Ok(self)
+    }
+
+    /// The combinations of feedback denominator, numerator and gain before any is tested for stability.
+    #[must_use]
+    pub fn combinations(&self) -> u128 {
+        let per_denominator =
+            self.feedback_numerators.len() as u128 * self.gains.len() as u128 + u128::from(self.zero_gain);
+        self.feedback_denominators.len() as u128 * per_denominator
+    }
+
+    /// Makes the pool on a plant of its own time base: tests every controller for stability and counts.
+    ///
+    /// Runs on the rayon pool that it is called in. Progress is not reported; the stop flag is looked at.
+    ///
+    /// # Errors
+    /// [`PoolError`].
+    pub fn build(&self, plant: &System, ctl: &Ctl) -> Result<Pool, PoolError> {
+        let time = Time::of(plant);
+        match (self.sampled, time) {
+            (Some(false), Time::Sampled(t)) => {
+                return Err(PoolError::ContinuousPoolSampledPlant { sample_time_s: t.period_s() });
+            }
+            (Some(true), Time::Continuous) => return Err(PoolError::SampledPoolContinuousPlant),
+            _ => {}
+        }
+        let (num, den) = match plant {
+            System::Continuous(tf) => (tf.num(), tf.den()),
+            System::Discrete(tf) => (tf.num(), tf.den()),
+        };
+        if num.is_zero() {
+            return Err(PoolError::ZeroPlant);
+        }
+        let (np, dp) = (num.degree(), den.degree());
+        let (nfb, dfb) = (self.feedback_numerators.degree(), self.feedback_denominators.degree());
+        if dp + dfb <= np + nfb {
+            return Err(PoolError::NotStrictlyProper {
+                plant_numerator: np,
+                plant_denominator: dp,
+                feedback_numerator: nfb,
+                feedback_denominator: dfb,
+            });
+        }
+        if time != Time::Continuous {
+            for (part, numerator, denominator) in [
+                ("plant", np, dp),
+                ("feedback", nfb, dfb),
+                ("feedforward", self.feedforward_numerator_degree, self.feedforward_denominator_degree),
+            ] {
+                if numerator > denominator {
+                    return Err(PoolError::Noncausal { part, numerator, denominator });
+                }
+            }
+        }
+        // In continuous time one of plant and feedback may be improper; their polynomials are then padded with zeros.
+        let (plant_degree, feedback_degree) = (dp.max(np), dfb.max(nfb));
+        if plant_degree + feedback_degree > LARGEST_DEGREE {
+            return Err(PoolError::DegreeTooHigh { degree: plant_degree + feedback_degree, limit: LARGEST_DEGREE });
+        }
+        if let (Time::Continuous, Ingredients::Power(n @ 1..)) = (time, &self.feedforward) {
+            return Err(PoolError::NoDenominators(*n));
+        }
+        let combinations = self.combinations();
+        if combinations > LARGEST_TABLE {
+            return Err(PoolError::TooLarge { combinations });
+        }
+
+        let region = Region { time, margin: self.margin };
+        let feedforward: Vec<Factor> = self
+            .feedforward
+            .factors(region, self.feedforward_denominator_degree)
+            .into_iter()
+            .filter(|factor| {
+                let nothing = vec![0.0; factor.mapped.len()];
+                routh::stable(&factor.mapped, &nothing, &[0.0; LANES])[0]
+            })
+            .collect();
+        if feedforward.is_empty() {
+            return Err(PoolError::NoFeedforward(self.feedforward.len()));
+        }
+        let normalisation = match self.band_rad_s {
+            None => Normalisation::None,
+            Some(band) => Normalisation::Peak {
+                denominators: self.feedback_denominators.squares(time, band),
+                numerators: self.feedback_numerators.squares(time, band).into_iter().map(|(q, _)| q).collect(),
+                band: match time {
+                    Time::Continuous => band.map(|w| w * w),
+                    Time::Sampled(t) => {
+                        let nyquist = std::f64::consts::PI / t.period_s();
+                        if band[1] > nyquist {
+                            return Err(PoolError::AboveNyquist { band: band[1], nyquist });
+                        }
+                        band.map(|w| 2.0 * (0.5 * w * t.period_s()).sin().powi(2))
+                    }
+                },
+            },
+        };
+        let mapped = |p: &crate::num::Polynomial| region.map(p.coefficients(), plant_degree);
+        let feedback = FeedbackTable::new(
+            self.feedback_denominators.factors(region, feedback_degree),
+            self.feedback_numerators.factors(region, feedback_degree),
+            self.gains.clone(),
+            self.zero_gain,
+            normalisation,
+            (mapped(den), mapped(num)),
+            (plant_degree + feedback_degree) - (dp + dfb),
+            ctl,
+        )?;
+        if feedback.is_empty() {
+            return Err(PoolError::NoFeedback(combinations));
+        }
+        let size = feedback.len().checked_mul(feedforward.len() as u64).ok_or(PoolError::Overflow)?;
+        Ok(Pool {
+            region,
+            feedforward_numerator_degree: self.feedforward_numerator_degree,
+            feedforward,
+            feedback,
+            size,
+        })
+    }
+}

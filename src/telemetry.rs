@@ -1,0 +1,31 @@
+//! Logs: to standard error, as text for people or JSON lines for machines.
+//!
+//! Field names are fixed: `analysis`, `study`, `trial` (ids), `attempt`, `worker`, `elapsed_s`, `status`, `method`,
+//! `path`, `request_id`. Signals, subject codes and attributes are never logged.
+
+use tracing_subscriber::EnvFilter;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
+
+/// How log lines are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum LogFormat {
+    /// For people.
+    Text,
+    /// One JSON object a line.
+    Json,
+}
+
+/// Starts logging for the process. `VOLITION_LOG` chooses what is logged (default `info`; `tracing`'s filter syntax).
+pub fn start(format: LogFormat, default_level: &str) {
+    let filter = EnvFilter::try_from_env("VOLITION_LOG").unwrap_or_else(|_| EnvFilter::new(default_level));
+    let registry = tracing_subscriber::registry().with(filter);
+    let started = match format {
+        LogFormat::Text => registry.with(tracing_subscriber::fmt::layer().with_writer(std::io::stderr)).try_init(),
+        LogFormat::Json => {
+            registry.with(tracing_subscriber::fmt::layer().json().with_writer(std::io::stderr)).try_init()
+        }
+    };
+    // A second start in one process (tests) keeps the first subscriber.
+    drop(started);
+}
