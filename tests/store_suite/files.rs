@@ -274,7 +274,7 @@ async fn damage_is_noticed_and_named() {
     assert_damaged(store.trial_signals(id(0)).await, "column y");
     assert_damaged(store.trial_signals(id(1)).await, "content");
     assert_damaged(store.trial_signals(id(2)).await, "column u is missing");
-    assert_damaged(store.trial_signals(id(3)).await, "content");
+    assert_damaged(store.trial_signals(id(3)).await, "sample time");
     assert_eq!(store.trial_signals(id(4)).await.unwrap(), new_trial(plant.id, 5).trial);
     assert_damaged(store.report_json(analysis.id).await, "report");
     assert_damaged(store.reports_of_trials(&[id(0)], Kind::Ssid).await, "report");
@@ -443,21 +443,27 @@ async fn a_large_database_is_scrubbed_later_but_surely() {
     let plant = store.create_plant(study, new_plant("mass"), None).await.unwrap().into_inner().id;
     let keep = store.create_subject(study, new_subject("who-stays"), None).await.unwrap().into_inner().id;
     let gone = store.create_subject(study, new_subject("who-goes"), None).await.unwrap().into_inner().id;
-    // Noise does not compress: 3 columns of 1.5 million samples are 36 MB.
+    // Noise hardly compresses: 3 columns of 2 million samples are some 40 MB.
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
-    let mut noise = || (0..1_500_000).map(|_| rng.random::<f64>()).collect::<Vec<f64>>();
+    let mut noise = || (0..2_000_000).map(|_| rng.random::<f64>()).collect::<Vec<f64>>();
     let signals = Signals { time_s: None, command: noise(), control: noise(), output: noise(), disturbance: None };
     let large = of_trial(plant, 1, Trial::new(0.001, signals).unwrap());
     let large_id = store.create_trials(keep, vec![large.clone()], None).await.unwrap().remove(0).into_inner().id;
     store.create_analysis(new_analysis(Vec::new()), None).await.unwrap();
     let lease = store.claim("w", 1e-3).await.unwrap().unwrap().lease;
 
+    // Asserted only while the pause after which it is paid cannot be over, however busy the machine is.
+    let pause = std::time::Duration::from_secs(4);
+    let begin = std::time::Instant::now();
     store.delete_subject(gone, None).await.unwrap();
+    let debt = owed(&path).await;
+    assert!(debt == 1 || begin.elapsed() > pause, "the vacuum is owed");
     assert!(!holds(&bytes(&path), "who-goes"), "the row itself goes at once");
-    assert_eq!(owed(&path).await, 1, "the vacuum is owed");
     store.close().await;
+    let debt = owed(&path).await;
+    let begin = std::time::Instant::now();
     let store = open(&path).await;
-    assert_eq!(owed(&path).await, 1, "a restart does not forget it");
+    assert!(owed(&path).await == debt || begin.elapsed() > pause, "a restart does not forget it");
     store.scrub().await.unwrap();
     assert_eq!(owed(&path).await, 0);
     assert!(!holds(&bytes(&path), "who-goes"));

@@ -45,11 +45,11 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     /// Through the database and back, to the bit.
     #[test]
-    fn any_finite_signals_round_trip(words in prop::collection::vec(any::<u64>(), 1..200)) {
+    fn any_finite_signals_round_trip(words in prop::collection::vec(any::<u64>(), 2..200)) {
         let column: Vec<f64> = words.iter().map(|w| f64::from_bits(*w)).map(|x| if x.is_finite() { x } else { -0.0 }).collect();
         let reversed: Vec<f64> = column.iter().rev().copied().collect();
         let signals = Signals {
-            time_s: Some(reversed.clone()), command: column.clone(), control: reversed, output: column.clone(), disturbance: Some(column),
+            time_s: None, command: column.clone(), control: reversed, output: column.clone(), disturbance: Some(column),
         };
         let trial = Trial::new(0.01, signals).unwrap();
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
