@@ -1,6 +1,6 @@
 //! Where the segments of a trial lie, in samples.
 
-use super::estimate::FrequencyError;
+use super::error::FrequencyError;
 use super::settings::{Bounds, CheckedSettings, CountSegments, EndSample, LengthSegments, Segments};
 use crate::trial::Trial;
 
