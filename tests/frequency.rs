@@ -589,8 +589,8 @@ fn the_lines_of_the_people_experiment_are_found() {
     let set = |name: char, plant: &str| -> Vec<usize> {
         let highest = if plant == "1/s" { 31 } else { 17 };
         let wanted = |i: usize| match name {
-            'E' => i % 2 == 0,
-            'O' => i % 2 == 1,
+            'E' => i.is_multiple_of(2),
+            'O' => !i.is_multiple_of(2),
             _ => true,
         };
         primes.iter().enumerate().filter(|(i, k)| wanted(*i) && **k <= highest).map(|(_, k)| *k).collect()

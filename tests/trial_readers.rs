@@ -454,6 +454,9 @@ fn every_defect_of_a_document_is_named_with_its_place() {
     assert_eq!(trial.signals.command, [1.0, 2.5]);
     assert!(trial.signals.control[1].is_sign_negative());
     assert_eq!(trial.signals.output[0], 1e-320);
+    let twice = json::read(good.as_bytes(), Some(0.2), &Limits::default()).unwrap_err();
+    let error = TrialError::SampleTimes { document_s: 0.1, given_s: 0.2 };
+    assert!(matches!(&twice, ReadError::Trial { error: found, .. } if *found == error), "{twice}");
     for (text, code, location, words) in [
         ("", Malformed, None, "empty"),
         ("[1]", Malformed, None, "expected an object with the arrays r, u, y"),
