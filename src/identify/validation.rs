@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// A sampled model and a trial whose sample times differ by more than this share are not of one kind.
-const SAMPLE_TIME_TOLERANCE: f64 = 1e-6;
+const SAMPLE_TIME_TOLERANCE: f64 = 1e-5;
 
 /// The share of a signal's variation that a simulation explains.
 ///
