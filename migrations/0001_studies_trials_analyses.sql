@@ -23,6 +23,8 @@ CREATE TABLE plants (
     study_id   TEXT    NOT NULL REFERENCES studies (id) ON DELETE CASCADE,
     name       TEXT    NOT NULL,
     model      TEXT    NOT NULL,
+    -- A digit that changed on disk would still be a model; results would be wrong and look right.
+    model_sha256 TEXT  NOT NULL CHECK (length(model_sha256) = 64),
     version    INTEGER NOT NULL DEFAULT 1,
     created_at INTEGER NOT NULL,
     updated_at INTEGER NOT NULL,
@@ -99,6 +101,7 @@ CREATE TABLE analyses (
     study_id         TEXT    REFERENCES studies (id) ON DELETE CASCADE,
     kind             TEXT    NOT NULL,
     request          TEXT    NOT NULL,
+    request_sha256   TEXT    NOT NULL CHECK (length(request_sha256) = 64),
     spec_sha256      TEXT    NOT NULL,
     status           TEXT    NOT NULL CHECK (status IN ('queued', 'running', 'succeeded', 'failed', 'cancelled')),
     attempts         INTEGER NOT NULL DEFAULT 0 CHECK (attempts >= 0),

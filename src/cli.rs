@@ -57,9 +57,9 @@ enum Command {
     Run {
         /// A JSON document {"kind", "inputs", "spec"}; `-` reads standard input.
         spec: PathBuf,
-        /// Compute threads; by default one for each processor.
-        #[arg(long, value_name = "N")]
-        compute_threads: Option<usize>,
+        /// Compute threads; 0 for one on each processor.
+        #[arg(long, value_name = "N", default_value_t = 0)]
+        compute_threads: usize,
     },
 }
 

@@ -1,7 +1,7 @@
 //! Settings as given (flags, or environment variables of the same names) and their checks.
 
 use crate::api::Limits;
-use crate::worker::{WorkerSettings, WorkerSettingsError};
+use crate::worker::WorkerSettings;
 use clap::Args;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -20,9 +20,9 @@ pub struct WorkerArgs {
     /// Analyses computed at the same time.
     #[arg(long, value_name = "N", default_value_t = 1, env = "VOLITION_CONCURRENCY")]
     pub concurrency: usize,
-    /// Compute threads of each analysis; by default one for each processor.
-    #[arg(long, value_name = "N", env = "VOLITION_COMPUTE_THREADS")]
-    pub compute_threads: Option<usize>,
+    /// Compute threads of each analysis; 0 for one on each processor.
+    #[arg(long, value_name = "N", default_value_t = 0, env = "VOLITION_COMPUTE_THREADS")]
+    pub compute_threads: usize,
     /// Seconds after which a silent worker counts as dead.
     #[arg(long, value_name = "SECONDS", default_value_t = 15.0, env = "VOLITION_LEASE_S")]
     pub lease_s: f64,
@@ -32,6 +32,9 @@ pub struct WorkerArgs {
     /// Seconds that running analyses are given to finish when the process is asked to stop.
     #[arg(long, value_name = "SECONDS", default_value_t = 20.0, env = "VOLITION_DRAIN_S")]
     pub drain_s: f64,
+    /// Seconds that one analysis may take in all; no limit by default.
+    #[arg(long, value_name = "SECONDS", env = "VOLITION_DEADLINE_S")]
+    pub deadline_s: Option<f64>,
 }
 
 /// How the server serves.
@@ -42,7 +45,7 @@ pub struct ServeArgs {
     pub listen: SocketAddr,
     /// Largest request body, in MiB.
     #[arg(long, value_name = "MIB", default_value_t = 64, env = "VOLITION_MAX_BODY_MIB")]
-    pub max_body_mib: u64,
+    pub max_body_mib: usize,
     /// Largest trial, in rows.
     #[arg(long, value_name = "ROWS", default_value_t = 2_000_000, env = "VOLITION_MAX_ROWS")]
     pub max_rows: usize,
@@ -64,9 +67,6 @@ pub enum ConfigError {
     /// A limit of zero would refuse everything.
     #[error("{0} must be at least 1")]
     Zero(&'static str),
-    /// The worker's settings contradict each other.
-    #[error(transparent)]
-    Worker(#[from] WorkerSettingsError),
 }
 
 impl ServeArgs {
@@ -93,7 +93,7 @@ impl ServeArgs {
         Ok(Limits {
             max_body_bytes,
             // Numbers written as text compress to about an eighth; more than that is a bomb.
-            max_decompressed_bytes: max_body_bytes.saturating_mul(8),
+            max_decompressed_bytes: max_body_bytes.saturating_mul(8) as u64,
             max_rows: self.max_rows,
             ..Limits::default()
         })
@@ -101,21 +101,19 @@ impl ServeArgs {
 }
 
 impl WorkerArgs {
-    /// Checked settings.
-    ///
-    /// # Errors
-    /// [`ConfigError::Worker`] for settings that contradict each other.
-    pub fn settings(&self) -> Result<WorkerSettings, ConfigError> {
-        let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        let settings = WorkerSettings {
+    /// The settings; [`crate::worker::Worker::new`] checks them.
+    #[must_use]
+    pub fn settings(&self) -> WorkerSettings {
+        WorkerSettings {
             concurrency: self.concurrency,
-            compute_threads: self.compute_threads.unwrap_or(processors),
+            compute_threads: self.compute_threads,
             lease_s: self.lease_s,
+            // A worker must miss several signs of life before it counts as dead.
             heartbeat_s: self.lease_s / 5.0,
             max_attempts: self.max_attempts,
             drain_s: self.drain_s,
+            deadline_s: self.deadline_s,
             ..WorkerSettings::default()
-        };
-        Ok(settings.checked()?)
+        }
     }
 }

@@ -4,6 +4,8 @@
 pub mod analysis;
 pub mod api;
 pub mod app;
+pub mod cli;
+pub mod config;
 pub mod control;
 pub mod identify;
 pub mod jobs;
@@ -11,5 +13,6 @@ pub mod learning;
 pub mod num;
 pub mod plants;
 pub mod store;
+pub mod telemetry;
 pub mod trial;
 pub mod worker;

@@ -1,3 +1,7 @@
 //! The `volition` command.
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    volition::cli::run()
+}

@@ -1,12 +1,15 @@
 //! Learning: metrics of trials, distances from the inverse dynamics, curves and groups.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::path::Path;
 use volition::control::model::{StateSpaceModel, TransferFunctionModel};
 use volition::control::{Continuous, Discrete, Model, System, TransferFunction};
 use volition::learning::frequency_domain::{MetricsError, controller_metrics};
 use volition::learning::time_domain::{InitialDirection, NoDirection, initial_direction, metrics};
-use volition::trial::{Signals, Trial};
+use volition::trial::gzip::GzipReader;
+use volition::trial::{Signals, Trial, csv};
 
 fn tf(num: &[f64], den: &[f64]) -> Model {
     Model::TransferFunction(TransferFunctionModel { num: num.to_vec(), den: den.to_vec(), sample_time_s: None })
@@ -21,16 +24,9 @@ fn sampled(num: &[f64], den: &[f64], period: f64) -> System {
 }
 
 fn trial(r: &[f64], u: &[f64], y: &[f64]) -> Trial {
-    Trial {
-        sample_time_s: 0.5,
-        signals: Signals {
-            time_s: None,
-            command: r.to_vec(),
-            control: u.to_vec(),
-            output: y.to_vec(),
-            disturbance: None,
-        },
-    }
+    let signals =
+        Signals { time_s: None, command: r.to_vec(), control: u.to_vec(), output: y.to_vec(), disturbance: None };
+    Trial::new(0.5, signals).unwrap()
 }
 
 // Zhang 2015, equations 5.4 and 5.5.
@@ -55,7 +51,7 @@ fn metrics_of_extreme_recordings_are_finite() {
     assert!(m.mean_abs_error.is_finite() && m.rms_error.is_finite() && m.max_abs_output == f64::MAX);
     let m = metrics(&trial(&[1e-200, 1e-200], &[0.0; 2], &[0.0, 0.0]), &minimum_phase());
     assert!((m.rms_error / 1e-200 - 1.0).abs() < 1e-15, "squares must not vanish: {}", m.rms_error);
-    let m = metrics(&trial(&[0.0], &[0.0], &[0.0]), &minimum_phase());
+    let m = metrics(&trial(&[0.0; 2], &[0.0; 2], &[0.0; 2]), &minimum_phase());
     assert_eq!((m.mean_abs_error, m.rms_error), (0.0, 0.0));
 }
 
@@ -218,4 +214,39 @@ fn bands_and_time_bases_that_make_no_sense_are_refused() {
     }
     let found = controller_metrics(&one, &one, &sampled(&[1.0], &[1.0], 0.1), (0.0, 1.0));
     assert_eq!(found, Err(MetricsError::MixedTimeBases { part: "feedback", found: Some(0.1), expected: None }));
+}
+
+#[derive(serde::Deserialize)]
+struct Truth {
+    file: String,
+    group: String,
+    divergent: bool,
+    mean_abs_error: f64,
+    display_limit: f64,
+    plant_num: Vec<f64>,
+    plant_den: Vec<f64>,
+}
+
+#[test]
+fn metrics_of_the_virtual_subjects_equal_their_truth() {
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/virtual_subjects"));
+    let Ok(text) = std::fs::read_to_string(folder.join("truth.json")) else {
+        println!("skipped: {} is not there", folder.display());
+        return;
+    };
+    let truths: Vec<Truth> = serde_json::from_str(&text).unwrap();
+    assert_eq!(truths.len(), 60);
+    let mut right = BTreeMap::new();
+    for truth in &truths {
+        let file = std::fs::File::open(folder.join(&truth.file)).unwrap();
+        let trial = csv::read(GzipReader::new(file), &csv::Options::default()).unwrap().trial;
+        let m = metrics(&trial, &tf(&truth.plant_num, &truth.plant_den));
+        // The files are printed with five decimals, so a mean of many rounded values is within half of the last one.
+        assert!((m.mean_abs_error - truth.mean_abs_error).abs() < 5e-6, "{}: {m:?}", truth.file);
+        assert_eq!(m.max_abs_output > truth.display_limit, truth.divergent, "{}", truth.file);
+        let count: &mut (usize, usize) = right.entry(truth.group.clone()).or_default();
+        count.0 += usize::from(m.right_control_at_start == Some(true));
+        count.1 += usize::from(m.right_control_at_start.is_some());
+    }
+    println!("right control at start, of those that can be said: {right:?}");
 }

@@ -343,3 +343,46 @@ fn answers_are_json_and_come_back() {
     let text = serde_json::to_string(&answer).unwrap();
     assert_eq!(serde_json::from_str::<volition::learning::StudyFrequencyResponses>(&text).unwrap(), answer);
 }
+
+proptest::proptest! {
+    #[test]
+    fn turning_every_subject_turns_the_mean_and_nothing_else(
+        gains in proptest::collection::vec(0.1_f64..10.0, 2..8),
+        phases in proptest::collection::vec(-80.0_f64..80.0, 8),
+        turn in -720.0_f64..720.0,
+    ) {
+        let responses = |turn: f64| -> Vec<Complex64> {
+            let one = |(g, p): (&f64, &f64)| Complex64::from_polar(*g, (p + turn).to_radians());
+            gains.iter().zip(&phases).map(one).collect()
+        };
+        let (still, turned) = (response_statistics(&[responses(0.0)]), response_statistics(&[responses(turn)]));
+        let difference = turned.mean_phase_deg[0].unwrap() - still.mean_phase_deg[0].unwrap() - turn;
+        proptest::prop_assert!((difference / 360.0 - (difference / 360.0).round()).abs() < 1e-9);
+        proptest::prop_assert!((turned.sd_phase_deg[0].unwrap() - still.sd_phase_deg[0].unwrap()).abs() < 1e-8);
+        proptest::prop_assert!((turned.mean_gain_db[0].unwrap() - still.mean_gain_db[0].unwrap()).abs() < 1e-9);
+        proptest::prop_assert!((turned.sd[0].unwrap() - still.sd[0].unwrap()).abs() < 1e-9);
+        // Phases within 80° of each other's centre need no unwrapping: their mean is the plain one.
+        let plain = phases[..gains.len()].iter().sum::<f64>() / gains.len() as f64;
+        proptest::prop_assert!((still.mean_phase_deg[0].unwrap() - plain).abs() < 1e-9);
+    }
+
+    #[test]
+    fn statistics_do_not_depend_on_order_and_trimming_keeps_the_middle(
+        values in proptest::collection::vec(-100.0_f64..100.0, 1..20),
+        trim in 0_usize..6,
+    ) {
+        let mut reversed = values.clone();
+        reversed.reverse();
+        let (a, b) = (statistics(&values, trim), statistics(&reversed, trim));
+        proptest::prop_assert_eq!(&a.trimmed, &b.trimmed);
+        proptest::prop_assert!((a.mean.unwrap() - b.mean.unwrap()).abs() < 1e-10);
+        proptest::prop_assert_eq!(a.trimmed.is_some(), trim > 0 && values.len() > 2 * trim);
+        if let Some(t) = a.trimmed {
+            proptest::prop_assert_eq!(t.n, values.len() - 2 * trim);
+            let mut kept = values.clone();
+            kept.sort_by(f64::total_cmp);
+            let kept = &kept[trim..values.len() - trim];
+            proptest::prop_assert!(kept[0] <= t.mean + 1e-12 && t.mean <= kept[kept.len() - 1] + 1e-12);
+        }
+    }
+}

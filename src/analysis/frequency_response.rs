@@ -1,24 +1,335 @@
-//! Being written.
-#![allow(missing_docs, unused_variables, clippy::todo, clippy::missing_errors_doc)]
+//! The closed-loop frequency response of trials: kind `frequency_response`.
+//!
+//! ```json
+//! {"kind": "frequency_response", "inputs": {"trials": ["ID", "ID"]},
+//!  "spec": {"lines": "excited", "segments": [{"start_s": 5, "end_s": 25}, {"start_s": 25, "end_s": 45}]}}
+//! ```
+//! Inputs are those of [`trial_input`](super::trial_input); a plant is not needed. The formulas are those of
+//! [`identify::frequency`](crate::identify::frequency).
+
+use super::frequency_problem;
 use super::inputs::{Library, References};
-use super::kind::Request;
+use super::kind::{Kind, Request};
 use super::plan::Failure;
-use super::problem::Problem;
-use super::report::Report;
+use super::problem::{Code, Problem};
+use super::report::{Report, Warning};
+use super::trial_input::{PlantNeed, ResolvedTrial, TrialInputs, inputs_sha256};
+use crate::identify::frequency::{
+    Channels, CheckedSettings, Estimate, EstimateWarning, FrequencyError, FrequencySettings, Response, Stimulus,
+    VarianceSource, estimate_between,
+};
 use crate::num::Ctl;
-#[derive(Debug, Clone)]
-pub struct Plan;
+use crate::trial::Trial;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use utoipa::ToSchema;
+
+/// Version of [`FrequencyResponseResult`].
+const RESULT_VERSION: u32 = 1;
+
+/// The spec: from which signal to which, and how.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct FrequencyResponseSpec {
+    /// The input. Default: the command.
+    pub input: Stimulus,
+    /// The output. Default: the output y.
+    pub output: Response,
+    /// How the response is estimated.
+    #[serde(flatten)]
+    pub settings: FrequencySettings,
+}
+
+/// A segment that was transformed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SegmentResult {
+    /// The trial, by its place in the request: `/inputs/trials/0`.
+    pub trial: String,
+    /// Where it starts, in seconds from the trial's first sample.
+    pub start_s: f64,
+    /// Its length; lines at multiples of `1/length_s` are on its grid.
+    pub length_s: f64,
+    /// Samples that were summed.
+    pub samples: usize,
+}
+
+/// The result; arrays are equally long, in increasing frequency. What does not exist is null, and a warning says why.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FrequencyResponseResult {
+    /// Frequencies in Hz.
+    pub frequency_hz: Vec<f64>,
+    /// Angular frequencies in rad/s.
+    pub omega_rad_s: Vec<f64>,
+    /// The complex response as `[re, im]`; null where the input has no power.
+    pub h: Vec<Option<[f64; 2]>>,
+    /// Its gain, `20 log₁₀|h|`; null also where the response is zero.
+    pub gain_db: Vec<Option<f64>>,
+    /// Its phase in degrees, principal value in (−180, 180].
+    pub phase_deg: Vec<Option<f64>>,
+    /// Variance of the complex response, `E|h − E h|²` (both parts together).
+    pub variance: Vec<Option<f64>>,
+    /// `repetition` (scatter of the segments), `nearby_lines` (output power between the stimuli's lines), or null.
+    pub variance_source: Option<String>,
+    /// Mean square of the input's sinusoid on the line, averaged over segments, in squared units of the input.
+    pub command_power: Vec<f64>,
+    /// The same of the segment in which it is weakest.
+    pub command_power_minimum: Vec<f64>,
+    /// Share of the output's power that the averaged response explains, `|Σ R̄Y|²/(Σ|R|² Σ|Y|²)`; null of one segment.
+    pub coherence: Vec<Option<f64>>,
+    /// Segments averaged.
+    pub averages: Vec<usize>,
+    /// Step of the grid of the shortest segment, in Hz.
+    pub resolution_hz: f64,
+    /// Equivalent noise bandwidth of the window on that grid, in Hz.
+    pub noise_bandwidth_hz: f64,
+    /// The segments.
+    pub segments: Vec<SegmentResult>,
+}
+
+impl FrequencyResponseResult {
+    /// The result of an estimate from these trials.
+    #[must_use]
+    pub fn new(estimate: &Estimate, trials: &[ResolvedTrial]) -> Self {
+        Self {
+            frequency_hz: estimate.frequency_hz.clone(),
+            omega_rad_s: estimate.omega_rad_s.clone(),
+            h: estimate.h.iter().map(|h| h.map(|h| [h.re, h.im])).collect(),
+            gain_db: estimate
+                .h
+                .iter()
+                .map(|h| h.map(|h| 20.0 * h.norm().log10()).filter(|gain| gain.is_finite()))
+                .collect(),
+            phase_deg: estimate.h.iter().map(|h| h.filter(|h| h.norm() > 0.0).map(|h| h.arg().to_degrees())).collect(),
+            variance: estimate.variance.clone(),
+            variance_source: estimate.variance_source.map(|source| {
+                let name = match source {
+                    VarianceSource::Repetition => "repetition",
+                    VarianceSource::NearbyLines => "nearby_lines",
+                };
+                name.to_owned()
+            }),
+            command_power: estimate.input_power.clone(),
+            command_power_minimum: estimate.input_power_minimum.clone(),
+            coherence: estimate.coherence.clone(),
+            averages: estimate.averages.clone(),
+            resolution_hz: estimate.resolution_hz,
+            noise_bandwidth_hz: estimate.noise_bandwidth_hz,
+            segments: estimate
+                .segments
+                .iter()
+                .map(|segment| SegmentResult {
+                    trial: trials[segment.trial].name.clone(),
+                    start_s: segment.start_s,
+                    length_s: segment.length_s,
+                    samples: segment.samples,
+                })
+                .collect(),
+        }
+    }
+}
+
+/// A checked request.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    inputs: TrialInputs,
+    channels: Channels,
+    settings: CheckedSettings,
+}
+
 impl Plan {
+    /// Checks a request.
+    ///
+    /// # Errors
+    /// A [`Problem`] with the JSON pointer of what is wrong.
     pub fn parse(request: &Request) -> Result<Self, Problem> {
-        todo!()
+        let Value::Object(mut members) = request.spec.clone() else {
+            return Err(Problem::new(Code::Invalid, "unusable spec", "the spec is no object").at("/spec"));
+        };
+        let channels = Channels {
+            input: channel(members.remove("input"), "/spec/input")?,
+            output: channel(members.remove("output"), "/spec/output")?,
+        };
+        let settings = frequency_problem::parse_settings(members, "/spec")?;
+        let inputs = TrialInputs::parse(&request.inputs, PlantNeed::Optional)?;
+        Ok(Self { inputs, channels, settings })
     }
+
+    /// The stored things that it needs.
+    #[must_use]
     pub fn references(&self) -> References {
-        todo!()
+        self.inputs.references()
     }
+
+    /// The spec with its defaults filled in.
+    #[must_use]
+    pub fn spec(&self) -> FrequencyResponseSpec {
+        FrequencyResponseSpec {
+            input: self.channels.input,
+            output: self.channels.output,
+            settings: self.settings.settings().clone(),
+        }
+    }
+
+    /// The request with its defaults filled in; parsing it again gives an equal plan.
+    #[must_use]
     pub fn request(&self) -> Request {
-        todo!()
+        Request {
+            kind: Kind::FrequencyResponse.name().to_owned(),
+            inputs: self.inputs.to_value(),
+            spec: json!(self.spec()),
+        }
     }
+
+    /// Computes the report; progress counts segments.
+    ///
+    /// # Errors
+    /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] when the trials cannot answer the question.
     pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
-        todo!()
+        let resolved = self.inputs.resolve(library)?;
+        let trials: Vec<&Trial> = resolved.iter().map(ResolvedTrial::trial).collect();
+        let estimate = estimate_between(&trials, &self.settings, self.channels, ctl).map_err(|error| match error {
+            FrequencyError::Stopped(stopped) => Failure::Stopped(stopped),
+            error => Failure::Problem(frequency_problem::problem(&error, &resolved, "/spec")),
+        })?;
+        let mut warnings: Vec<Warning> = divergent_warning(&resolved).into_iter().collect();
+        warnings.extend(estimate.warnings.iter().map(Warning::from));
+        Ok(Report::new(
+            Kind::FrequencyResponse,
+            RESULT_VERSION,
+            json!(FrequencyResponseResult::new(&estimate, &resolved)),
+            warnings,
+            json!(self.spec()),
+            inputs_sha256(&resolved, false),
+            None,
+        ))
+    }
+}
+
+impl From<&EstimateWarning> for Warning {
+    fn from(warning: &EstimateWarning) -> Self {
+        Self::new(warning.code, warning.message.clone())
+    }
+}
+
+/// A warning that names the divergent trials among these, if there are any.
+#[must_use]
+pub fn divergent_warning(trials: &[ResolvedTrial]) -> Option<Warning> {
+    let divergent: Vec<&str> =
+        trials.iter().filter(|trial| trial.divergent()).map(|trial| trial.name.as_str()).collect();
+    (!divergent.is_empty()).then(|| {
+        let message = format!(
+            "|y| passed the study's display limit in {}: the person lost the object, and no linear time-invariant law may \
+             describe that",
+            divergent.join(", ")
+        );
+        Warning::new("divergent_trial", message)
+    })
+}
+
+fn channel<T: for<'de> Deserialize<'de> + Default>(value: Option<Value>, location: &str) -> Result<T, Problem> {
+    value.map_or_else(
+        || Ok(T::default()),
+        |value| {
+            serde_json::from_value(value)
+                .map_err(|error| Problem::new(Code::Invalid, "unusable setting", error.to_string()).at(location))
+        },
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::num::StopReason;
+
+    fn request(spec: Value) -> Request {
+        // Period 8 samples; y is r delayed by one sample, so the response is e^{−jωT}.
+        let r: Vec<f64> = (0..16).map(|i| (std::f64::consts::PI * f64::from(i) / 4.0).sin() + 1.0).collect();
+        let y: Vec<f64> = (0..16).map(|i| r[(i + 15) % 16]).collect();
+        let inputs = json!({"trial": {"sample_time_s": 0.5, "r": r, "u": vec![0.0; 16], "y": y}});
+        Request { kind: "frequency_response".to_owned(), inputs, spec }
+    }
+
+    #[test]
+    fn a_delay_has_its_gain_and_phase() {
+        let spec = json!({"segments": {"count": 2}, "lines": {"frequency_hz": [0.0, 0.25]}});
+        let plan = Plan::parse(&request(spec)).unwrap();
+        let report = plan.run(&Library::default(), &Ctl::new()).unwrap();
+        let result: FrequencyResponseResult = serde_json::from_value(report.result).unwrap();
+        for (phase, expected) in result.phase_deg.iter().zip([0.0, -45.0]) {
+            assert!((phase.unwrap() - expected).abs() < 1e-9, "{phase:?}");
+        }
+        assert!(result.gain_db.iter().all(|gain| gain.unwrap().abs() < 1e-9));
+        assert_eq!(result.averages, [2, 2]);
+        assert_eq!(report.schema, "volition.frequency_response/1");
+        assert_eq!(report.provenance.inputs_sha256.len(), 1);
+    }
+
+    #[test]
+    fn the_canonical_request_parses_to_an_equal_plan() {
+        for spec in [
+            json!({}),
+            json!({"lines": "zhang2015_chapter_3", "output": "control"}),
+            json!({"lines": "zhang2015_chapter_5", "segments": {"length_s": 3}, "end_sample": "excluded"}),
+            json!({"segments": [{"start_s": 0, "end_s": 4}], "band_hz": [0.1, 0.3], "average": "cross_spectra"}),
+        ] {
+            let plan = Plan::parse(&request(spec)).unwrap();
+            let again = Plan::parse(&plan.request()).unwrap();
+            assert_eq!(again, plan);
+            assert_eq!(again.request(), plan.request());
+        }
+    }
+
+    #[test]
+    fn every_refusal_names_its_field() {
+        for (spec, location) in [
+            (json!(3), "/spec"),
+            (json!({"input": "speed"}), "/spec/input"),
+            (json!({"lines": "all"}), "/spec/lines"),
+            (json!({"lines": {"frequency_hz": [0.1, "x"]}}), "/spec/lines"),
+            (json!({"lines": {"frequency_hz": [0.2, 0.1]}}), "/spec/lines/frequency_hz/1"),
+            (json!({"lines": {"frequency_hz": []}}), "/spec/lines/frequency_hz"),
+            (json!({"lines": {"frequency_hz": [0.1]}, "band_hz": [0.0, 1.0]}), "/spec/band_hz"),
+            (json!({"lines": {"frequency_hz": [0.0]}, "detrend": "mean"}), "/spec/detrend"),
+            (json!({"band_hz": [1.0, 0.5]}), "/spec/band_hz"),
+            (json!({"segments": {"count": 0}}), "/spec/segments/count"),
+            (json!({"segments": {"cuont": 1}}), "/spec/segments"),
+            (json!({"segments": [{"start_s": 2.0, "end_s": 1.0}]}), "/spec/segments/0"),
+            (json!({"end_sample": "included"}), "/spec/end_sample"),
+            (json!({"power_threshold": 0.0}), "/spec/power_threshold"),
+            (json!({"floor_ratio": 0.5}), "/spec/floor_ratio"),
+            (json!({"widnow": "hann"}), "/spec/widnow"),
+        ] {
+            let problem = Plan::parse(&request(spec.clone())).unwrap_err();
+            assert_eq!(
+                (problem.code, problem.location.as_deref()),
+                (Code::Invalid, Some(location)),
+                "{spec}: {problem}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_the_data_cannot_answer_is_a_problem() {
+        for (spec, code, location, words) in [
+            (json!({"lines": {"frequency_hz": [1.0]}}), Code::Invalid, "/spec/lines/frequency_hz/0", "Nyquist"),
+            (json!({"segments": [{"start_s": 0, "end_s": 9}]}), Code::Invalid, "/spec/segments/0", "ends at 8 s"),
+            (json!({"segments": {"count": 5}}), Code::Invalid, "/spec/segments", "at least 4"),
+            (json!({"input": "disturbance"}), Code::Invalid, "/inputs/trial", "no disturbance"),
+            (json!({"band_hz": [0.3, 0.4]}), Code::NotIdentifiable, "/spec/lines", "excites no line from 0.3"),
+        ] {
+            let plan = Plan::parse(&request(spec.clone())).unwrap();
+            let Failure::Problem(problem) = plan.run(&Library::default(), &Ctl::new()).unwrap_err() else {
+                panic!("{spec} was stopped")
+            };
+            assert_eq!((problem.code, problem.location.as_deref()), (code, Some(location)), "{spec}: {problem}");
+            assert!(problem.detail.contains(words), "{spec}: {problem}");
+        }
+    }
+
+    #[test]
+    fn it_stops_when_asked() {
+        let plan = Plan::parse(&request(json!({}))).unwrap();
+        let ctl = Ctl::new();
+        ctl.stop(StopReason::Cancelled);
+        assert!(matches!(plan.run(&Library::default(), &ctl), Err(Failure::Stopped(_))));
     }
 }

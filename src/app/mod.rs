@@ -1,5 +1,10 @@
 //! What the commands do: the parts put together.
 
+pub mod demo;
+pub mod import;
+pub mod run;
+pub mod serve;
+
 use std::future::Future;
 
 /// Runs a future on a new runtime to its end.

@@ -24,18 +24,15 @@ const FAILED: u8 = 1;
 ///
 /// # Errors
 /// Only when standard output cannot be written or a thread cannot be started.
-pub fn run(path: &Path, compute_threads: Option<usize>) -> anyhow::Result<ExitCode> {
+pub fn run(path: &Path, compute_threads: usize) -> anyhow::Result<ExitCode> {
     let plan = match read(path).and_then(|text| parse(&text)) {
         Ok(plan) => plan,
         Err(problem) => return refuse(&problem, BAD_INPUT),
     };
-    let threads = compute_threads
-        .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, std::num::NonZero::get))
-        .max(1);
     let ctl = Arc::new(Ctl::new());
     stop_on_ctrl_c(Arc::clone(&ctl))?;
     let bar = watch(&ctl);
-    let outcome = compute::run_plan(&plan, &Library::default(), &ctl, threads);
+    let (outcome, _) = compute::run_plan(&plan, &Library::default(), &ctl, compute_threads);
     bar.finish_and_clear();
     match outcome {
         Ok(report) => {

@@ -64,8 +64,32 @@ pub enum DiscretiseError {
 /// may cause.
 pub const RESPONSE_TOLERANCE: f64 = 1e-4;
 
+/// What a state and its input become over one sample: `x⁺ = Φ x + Γ₀ u + Γ₁ (u⁺ − u)`.
+pub(super) struct Propagation {
+    /// Φ = e^{AT}, n×n.
+    pub transition: DMatrix<f64>,
+    /// Γ₀, n×m: the effect of an input that stays.
+    pub held: DMatrix<f64>,
+    /// Γ₁, n×m: the effect of an input that goes straight to its next value.
+    pub slope: DMatrix<f64>,
+}
+
+impl Propagation {
+    /// The blocks of `exp([A B 0; 0 0 I/T; 0 0 0] T) = [Φ Γ₀ Γ₁; 0 I I; 0 0 I]`; `None` where it overflows.
+    pub fn new(model: &StateSpace<Continuous>, time: Discrete) -> Option<Self> {
+        let (n, m, period) = (model.states(), model.inputs(), time.period_s());
+        let mut augmented = DMatrix::zeros(n + 2 * m, n + 2 * m);
+        augmented.view_mut((0, 0), (n, n)).copy_from(&(model.a() * period));
+        augmented.view_mut((0, n), (n, m)).copy_from(&(model.b() * period));
+        augmented.view_mut((n, n + m), (m, m)).fill_with_identity();
+        let exponential = matrix_exponential(&augmented)?;
+        let block = |column: usize, width: usize| exponential.view((0, column), (n, width)).into_owned();
+        Some(Self { transition: block(0, n), held: block(n, m), slope: block(n + m, m) })
+    }
+}
+
 /// The exact samples of a system whose input is held constant between samples:
-/// `[Φ Γ; 0 I] = exp([A B; 0 0] T)`, C and D unchanged.
+/// `x⁺ = Φ x + Γ u` with `[Φ Γ; 0 I] = exp([A B; 0 0] T)`, C and D unchanged.
 ///
 /// # Errors
 /// [`DiscretiseError::Overflow`].
@@ -74,13 +98,24 @@ pub fn zero_order_hold_state_space(
     time: Discrete,
 ) -> Result<StateSpace<Discrete>, DiscretiseError> {
     let overflow = DiscretiseError::Overflow { sample_time_s: time.period_s() };
-    let (n, m) = (model.states(), model.inputs());
-    let mut augmented = DMatrix::zeros(n + m, n + m);
-    augmented.view_mut((0, 0), (n, n)).copy_from(model.a());
-    augmented.view_mut((0, n), (n, m)).copy_from(model.b());
-    let exponential = matrix_exponential(&(augmented * time.period_s())).ok_or(overflow.clone())?;
-    let (a, b) = (exponential.view((0, 0), (n, n)).into_owned(), exponential.view((0, n), (n, m)).into_owned());
-    StateSpace::new(a, b, model.c().clone(), model.d().clone(), time).map_err(|_| overflow)
+    let Propagation { transition, held, .. } = Propagation::new(model, time).ok_or(overflow.clone())?;
+    StateSpace::new(transition, held, model.c().clone(), model.d().clone(), time).map_err(|_| overflow)
+}
+
+/// The exact samples of a system whose input goes straight from sample to sample: with the state `ξ = x − Γ₁ u`,
+/// `ξ⁺ = Φ ξ + (Γ₀ + Φ Γ₁ − Γ₁) u`, `y = C ξ + (D + C Γ₁) u`.
+///
+/// # Errors
+/// [`DiscretiseError::Overflow`].
+pub fn first_order_hold_state_space(
+    model: &StateSpace<Continuous>,
+    time: Discrete,
+) -> Result<StateSpace<Discrete>, DiscretiseError> {
+    let overflow = DiscretiseError::Overflow { sample_time_s: time.period_s() };
+    let Propagation { transition, held, slope } = Propagation::new(model, time).ok_or(overflow.clone())?;
+    let b = held + &transition * &slope - &slope;
+    let d = model.d() + model.c() * slope;
+    StateSpace::new(transition, b, model.c().clone(), d, time).map_err(|_| overflow)
 }
 
 /// The zero-order-hold equivalent of a proper transfer function: `G(z) = (1 − z⁻¹) Z{G(s)/s}`, as Zhang 2015, §5.6.1, samples
@@ -96,20 +131,24 @@ pub fn zero_order_hold(
     require_proper(system)?;
     let sampled = zero_order_hold_state_space(&conversion::to_state_space(system)?.balanced(), time)?;
     let result = conversion::to_transfer_function(&sampled)?;
-    check_response(&result, &sampled)?;
+    check_response(&result, |omega| Some(sampled.response(omega)?[(0, 0)]))?;
     Ok(result)
 }
 
-/// Compares the response over four decades below the Nyquist frequency.
-fn check_response(result: &TransferFunction<Discrete>, exact: &StateSpace<Discrete>) -> Result<(), DiscretiseError> {
+/// Compares the response of rounded coefficients with the exact one over four decades below the Nyquist frequency.
+fn check_response(
+    result: &TransferFunction<Discrete>,
+    exact: impl Fn(f64) -> Option<Complex64>,
+) -> Result<(), DiscretiseError> {
     let time = result.time();
     let nyquist = std::f64::consts::PI / time.period_s();
-    for omega_rad_s in super::bode::log_grid(1e-4 * nyquist, nyquist, 41) {
-        let Some(wanted) = exact.response(omega_rad_s) else { continue };
-        let wanted = wanted[(0, 0)];
+    // Just below the Nyquist frequency, where a response may be exactly zero.
+    for omega_rad_s in super::bode::log_grid(1e-4 * nyquist, 0.99 * nyquist, 41) {
+        let Some(wanted) = exact(omega_rad_s) else { continue };
         let error = (result.response(omega_rad_s) - wanted).norm() / wanted.norm();
         // A response of zero has no relative error; a NaN must not pass.
-        if wanted.norm() > 0.0 && !(error <= RESPONSE_TOLERANCE) {
+        let is_close = wanted.norm() == 0.0 || error <= RESPONSE_TOLERANCE;
+        if !is_close {
             return Err(DiscretiseError::IllConditioned { sample_time_s: time.period_s(), error, omega_rad_s });
         }
     }
@@ -119,7 +158,7 @@ fn check_response(result: &TransferFunction<Discrete>, exact: &StateSpace<Discre
 /// Tustin's substitution `s = (2/T) (z − 1)/(z + 1)`, without prewarping.
 ///
 /// # Errors
-/// [`DiscretiseError`] for an improper system or one with a pole at 2/T.
+/// [`DiscretiseError`] for an improper system or one with a pole at 2/T; `IllConditioned` as in [`zero_order_hold`].
 pub fn tustin(
     system: &TransferFunction<Continuous>,
     time: Discrete,
@@ -143,7 +182,10 @@ pub fn tustin(
         return Err(DiscretiseError::PoleAtInfinity { pole: rate });
     }
     let scaled = |p: Vec<f64>| p.into_iter().map(|c| c / den[0]).collect::<Vec<_>>();
-    Ok(TransferFunction::new(&scaled(num), &scaled(den.clone()), time)?)
+    let result = TransferFunction::new(&scaled(num), &scaled(den.clone()), time)?;
+    // On the unit circle the substitution maps frequencies by the tangent.
+    check_response(&result, |omega| Some(system.response(rate * (omega / rate).tan())))?;
+    Ok(result)
 }
 
 /// A factor to a power.
@@ -157,7 +199,7 @@ fn product(power: usize, factor: &[f64]) -> Polynomial {
 /// with poles or zeros at the origin, that of `s^k G(s)` compared with `((z − 1)/T)^k G(z)`.
 ///
 /// # Errors
-/// [`DiscretiseError`] for an improper system, or a root finder that fails.
+/// [`DiscretiseError`] for an improper system, or a root finder that fails; `IllConditioned` as in [`zero_order_hold`].
 pub fn matched(
     system: &TransferFunction<Continuous>,
     time: Discrete,
@@ -191,7 +233,13 @@ pub fn matched(
         gain /= 2.0;
     }
     let num = Polynomial::from_roots(&zeros).scale(gain);
-    Ok(TransferFunction::new(num.coefficients(), Polynomial::from_roots(&poles).coefficients(), time)?)
+    let result = TransferFunction::new(num.coefficients(), Polynomial::from_roots(&poles).coefficients(), time)?;
+    check_response(&result, |omega| {
+        let z = Complex64::from_polar(1.0, omega * period);
+        let factors = |roots: &[Complex64]| roots.iter().map(|root| z - root).product::<Complex64>();
+        Some(gain * factors(&zeros) / factors(&poles))
+    })?;
+    Ok(result)
 }
 
 fn require_proper(system: &TransferFunction<Continuous>) -> Result<(), DiscretiseError> {

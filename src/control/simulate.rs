@@ -1,12 +1,12 @@
 //! Time responses on a sample grid, from rest.
 
 use super::conversion::{self, ConversionError};
+use super::discretise::Propagation;
 use super::doubled::Doubled;
-use super::exponential::matrix_exponential;
 use super::state_space::StateSpace;
 use super::time_base::{BadSampleTime, Continuous, Discrete};
 use super::transfer_function::TransferFunction;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 /// Why a response could not be simulated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -128,8 +128,7 @@ impl DelayLine {
 /// The samples of a continuous system's output, at rest before the first sample, when its input follows `hold` between the
 /// samples of `input`.
 ///
-/// Exact for such an input: states are propagated by the exponential of `[A B 0; 0 0 I/T; 0 0 0] T`, whose upper blocks
-/// are Φ, Γ₀ and Γ₁ in `x⁺ = Φ x + Γ₀ u + Γ₁ (u⁺ − u)`.
+/// Exact for such an input: `x⁺ = Φ x + Γ₀ u + Γ₁ (u⁺ − u)` from matrix exponentials (without Γ₁ for [`Hold::Zero`]).
 ///
 /// # Errors
 /// [`SimulationError::Overflow`] for an unstable system; [`ConversionError::NotSingle`] for several inputs or outputs.
@@ -143,15 +142,9 @@ pub fn sampled_output(
         return Err(ConversionError::NotSingle { inputs: model.inputs(), outputs: model.outputs() }.into());
     }
     let n = model.states();
-    let period = time.period_s();
-    let mut augmented = DMatrix::zeros(n + 2, n + 2);
-    augmented.view_mut((0, 0), (n, n)).copy_from(&(model.a() * period));
-    augmented.view_mut((0, n), (n, 1)).copy_from(&(model.b() * period));
-    augmented[(n, n + 1)] = 1.0;
-    let exponential = matrix_exponential(&augmented).ok_or(SimulationError::Overflow { sample: 1 })?;
-    let transition = exponential.view((0, 0), (n, n)).into_owned();
-    let held: DVector<f64> = exponential.view((0, n), (n, 1)).column(0).into_owned();
-    let slope: DVector<f64> = exponential.view((0, n + 1), (n, 1)).column(0).into_owned();
+    let Propagation { transition, held, slope } =
+        Propagation::new(model, time).ok_or(SimulationError::Overflow { sample: 1 })?;
+    let (held, slope): (DVector<f64>, DVector<f64>) = (held.column(0).into_owned(), slope.column(0).into_owned());
 
     let feedthrough = model.d()[(0, 0)];
     let mut state = DVector::zeros(n);

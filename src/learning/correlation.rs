@@ -39,7 +39,7 @@ fn pearson(x: &[f64], y: &[f64]) -> Option<f64> {
         yy += (b - y_mean).powi(2);
         xy += (a - x_mean) * (b - y_mean);
     }
-    let r = xy / (xx.sqrt() * yy.sqrt());
+    let r = (xy / xx.sqrt()) / yy.sqrt();
     // Rounding may pass ±1 by a bit.
     r.is_finite().then(|| r.clamp(-1.0, 1.0))
 }
@@ -75,7 +75,8 @@ mod tests {
         assert!((c.spearman.unwrap() - 7.0 / 90.0_f64.sqrt()).abs() < 1e-15);
         assert_eq!(c.n, 5);
         let cubic: Vec<_> = (0..9).map(|i| (f64::from(i), f64::from(i).powi(3))).collect();
-        assert_eq!(correlation(&cubic).spearman, Some(1.0));
+        let c = correlation(&cubic);
+        assert!((c.spearman.unwrap() - 1.0).abs() < 1e-12 && c.pearson.unwrap() < 0.95, "{c:?}");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! How far identified controllers are from the inverse dynamics (Zhang 2015, sections 3.6 and 5.7).
 
 use super::quadrature::{NoIntegral, Sample, mean};
-use crate::control::System;
+use crate::control::{System, TimeBase as _};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -84,9 +84,9 @@ pub fn controller_metrics(
     feedback: &System,
     band_rad_s: (f64, f64),
 ) -> Result<ControllerMetrics, MetricsError> {
-    let expected = sample_time_s(plant);
+    let expected = plant.sample_time_s();
     for (part, system) in [("feedforward", feedforward), ("feedback", feedback)] {
-        let found = sample_time_s(system);
+        let found = system.sample_time_s();
         let same = match (expected, found) {
             (None, None) => true,
             (Some(a), Some(b)) => (a - b).abs() <= SAME_SAMPLE_TIME * a,
@@ -182,24 +182,11 @@ fn quotient((num, den): (Complex64, Complex64)) -> Complex64 {
     num / den
 }
 
-fn sample_time_s(system: &System) -> Option<f64> {
-    match system {
-        System::Continuous(_) => None,
-        System::Discrete(g) => Some(g.time().period_s()),
-    }
-}
-
 /// Numerator and denominator at the angular frequency `omega`.
 pub(super) fn fraction(system: &System, omega: f64) -> (Complex64, Complex64) {
-    use crate::control::TimeBase as _;
-    match system {
-        System::Continuous(g) => {
-            let x = g.time().point(omega);
-            (g.num().eval(x), g.den().eval(x))
-        }
-        System::Discrete(g) => {
-            let x = g.time().point(omega);
-            (g.num().eval(x), g.den().eval(x))
-        }
-    }
+    let x = match system {
+        System::Continuous(g) => g.time().point(omega),
+        System::Discrete(g) => g.time().point(omega),
+    };
+    (system.num().eval(x), system.den().eval(x))
 }

@@ -2,3 +2,10 @@
 
 pub mod catalogue;
 pub mod commands;
+pub mod inverse;
+pub mod study;
+pub mod subject;
+
+pub use catalogue::Plant;
+pub use study::SimulatedStudy;
+pub use subject::SimulatedSubject;

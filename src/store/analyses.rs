@@ -4,7 +4,7 @@ use super::error::{StoreError, StoreResult};
 use super::idempotency::{or_deleted, remember, replay};
 use super::open::Store;
 use super::records::{AnalysisFilter, AnalysisRecord, Created, IdempotencyKey, NewAnalysis, Page};
-use super::rows::{get, json, json_opt, parsed, parsed_opt, time, time_opt, to_json, unsigned};
+use super::rows::{get, json_opt, json_verified, parsed, parsed_opt, sha256, time, time_opt, to_json, unsigned};
 use crate::analysis::ids::AnalysisId;
 use crate::jobs::{Event, Job, Status};
 use crate::num::Progress;
@@ -15,7 +15,8 @@ use uuid::Uuid;
 pub(super) const NOUN: &str = "analysis";
 
 /// Everything but the report, which can be large.
-const COLUMNS: &str = "a.id, a.study_id, a.kind, a.request, a.spec_sha256, a.status, a.attempts, a.cancel_requested,
+const COLUMNS: &str =
+    "a.id, a.study_id, a.kind, a.request, a.request_sha256, a.spec_sha256, a.status, a.attempts, a.cancel_requested,
     a.progress_done, a.progress_total, a.eta_s, a.problem, a.version, a.created_at, a.started_at, a.finished_at,
     a.updated_at";
 
@@ -38,7 +39,7 @@ fn analysis(row: &SqliteRow) -> StoreResult<AnalysisRecord> {
         id: parsed(row, "id")?,
         study: parsed_opt(row, "study_id")?,
         kind: parsed(row, "kind")?,
-        request: json(row, "request")?,
+        request: json_verified(row, "request", "request_sha256")?,
         spec_sha256: get(row, "spec_sha256")?,
         status: status(row)?,
         attempts: attempts(row)?,
@@ -75,7 +76,8 @@ async fn common_study(connection: &mut SqliteConnection, new: &NewAnalysis) -> S
         let found = found.ok_or_else(|| StoreError::not_found(noun, &id))?;
         match &common {
             Some(study) if *study != found => {
-                let detail = format!("the {noun} {id} is of the study {found}, not of {study}; an analysis is of one study");
+                let detail =
+                    format!("the {noun} {id} is of the study {found}, not of {study}; an analysis is of one study");
                 return Err(StoreError::Conflict { rule: "other_study", detail });
             }
             Some(_) => {}
@@ -91,14 +93,17 @@ async fn insert(connection: &mut SqliteConnection, new: &NewAnalysis, now: i64) 
     }
     let study = common_study(connection, new).await?;
     let id = Uuid::now_v7().to_string();
+    let request = to_json(&new.request)?;
     sqlx::query(
-        "INSERT INTO analyses (id, study_id, kind, request, spec_sha256, status, available_at, created_at, updated_at)
-         VALUES ($1, $2, $3, $4, $5, 'queued', $6, $6, $6)",
+        "INSERT INTO analyses (id, study_id, kind, request, request_sha256, spec_sha256, status, available_at, created_at,
+            updated_at)
+         VALUES ($1, $2, $3, $4, $5, $6, 'queued', $7, $7, $7)",
     )
     .bind(&id)
     .bind(&study)
     .bind(new.kind.name())
-    .bind(to_json(&new.request)?)
+    .bind(&request)
+    .bind(sha256(&request))
     .bind(&new.spec_sha256)
     .bind(now)
     .execute(&mut *connection)
@@ -255,7 +260,7 @@ impl Store {
     pub async fn delete_analysis(&self, id: AnalysisId) -> StoreResult<()> {
         let (store, id) = (self.clone(), id.to_string());
         self.delete(async move {
-            let mut tx = store.begin().await?;
+            let mut tx = store.begin_erasing().await?;
             let gone = sqlx::query("DELETE FROM analyses WHERE id = $1").bind(&id).execute(&mut *tx).await?;
             if gone.rows_affected() == 0 {
                 return Err(StoreError::not_found(NOUN, &id));
@@ -270,9 +275,8 @@ impl Store {
     /// # Errors
     /// The database's own.
     pub async fn count_by_status(&self) -> StoreResult<Vec<(Status, u64)>> {
-        let counts: Vec<(String, i64)> = sqlx::query_as("SELECT status, count(*) FROM analyses GROUP BY status")
-            .fetch_all(self.readers())
-            .await?;
+        let counts: Vec<(String, i64)> =
+            sqlx::query_as("SELECT status, count(*) FROM analyses GROUP BY status").fetch_all(self.readers()).await?;
         let count = |status: Status| {
             counts.iter().find(|(name, _)| name == status.name()).map_or(0, |(_, count)| count.unsigned_abs())
         };

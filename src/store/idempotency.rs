@@ -2,14 +2,8 @@
 
 use super::error::{StoreError, StoreResult};
 use super::records::IdempotencyKey;
-use super::rows::to_json;
-use crate::analysis::report::hexadecimal;
-use sha2::{Digest, Sha256};
+use super::rows::{sha256, to_json};
 use sqlx::SqliteConnection;
-
-fn key_sha256(key: &IdempotencyKey) -> String {
-    hexadecimal(&Sha256::digest(&key.key))
-}
 
 /// The ids that this request made when it came first; `None` where it is new.
 pub(super) async fn replay(
@@ -18,13 +12,12 @@ pub(super) async fn replay(
     key: Option<&IdempotencyKey>,
 ) -> StoreResult<Option<Vec<String>>> {
     let Some(key) = key else { return Ok(None) };
-    let found: Option<(String, String)> = sqlx::query_as(
-        "SELECT request_sha256, result_ids FROM idempotency_keys WHERE scope = $1 AND key_sha256 = $2",
-    )
-    .bind(scope)
-    .bind(key_sha256(key))
-    .fetch_optional(connection)
-    .await?;
+    let found: Option<(String, String)> =
+        sqlx::query_as("SELECT request_sha256, result_ids FROM idempotency_keys WHERE scope = $1 AND key_sha256 = $2")
+            .bind(scope)
+            .bind(sha256(&key.key))
+            .fetch_optional(connection)
+            .await?;
     match found {
         None => Ok(None),
         Some((request, _)) if request != key.request_sha256 => Err(StoreError::KeyReused),
@@ -48,7 +41,7 @@ pub(super) async fn remember(
          VALUES ($1, $2, $3, $4, $5)",
     )
     .bind(scope)
-    .bind(key_sha256(key))
+    .bind(sha256(&key.key))
     .bind(&key.request_sha256)
     .bind(to_json(&ids)?)
     .bind(now)

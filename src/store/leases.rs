@@ -5,8 +5,7 @@ use super::clock::span_us;
 use super::error::{StoreError, StoreResult};
 use super::open::Store;
 use super::records::{Claim, Held, Lease, Rescued};
-use super::reports::sha256;
-use super::rows::{get, json, parsed, signed, to_json, unsigned};
+use super::rows::{get, json_verified, parsed, sha256, signed, to_json, unsigned};
 use crate::analysis::ids::AnalysisId;
 use crate::analysis::{Code, Problem, Report};
 use crate::jobs::{Backoff, EtaEstimator, Event, Status};
@@ -123,7 +122,7 @@ impl Store {
              WHERE id = (SELECT id FROM analyses WHERE status = 'queued' AND available_at <= $4
                          ORDER BY available_at, id LIMIT 1)
                AND status = 'queued'
-             RETURNING id, request, attempts",
+             RETURNING id, request, request_sha256, attempts",
         )
         .bind(&token)
         .bind(now.saturating_add(span_us(lease_s)))
@@ -135,7 +134,7 @@ impl Store {
         let Some(row) = row else { return Ok(None) };
         Ok(Some(Claim {
             lease: Lease { analysis: parsed(&row, "id")?, token },
-            request: json(&row, "request")?,
+            request: json_verified(&row, "request", "request_sha256")?,
             attempt: attempts(&row)?,
         }))
     }

@@ -4,8 +4,9 @@
 //! `BEGIN IMMEDIATE` transaction, so that a read followed by a write cannot be overtaken; a small pool reads. Other
 //! processes may have the same file open (a `worker` beside a `serve`).
 //!
-//! **Deleting really deletes.** `secure_delete` overwrites what rows held, and after each deletion the write-ahead log is
-//! folded in and truncated, so that neither file still holds the bytes. Deleting a study takes its plants, subjects, trials
+//! **Deleting really deletes.** `secure_delete` overwrites what rows held, the write-ahead log is folded in and truncated,
+//! and `VACUUM` clears stale copies out of the pages, so that neither file still holds the bytes: before the deletion
+//! returns where the database is small, within seconds where it is large. Deleting a study takes its plants, subjects, trials
 //! and analyses; deleting a subject takes the trials; deleting a trial (or plant) takes the analyses that used it, reports
 //! and all. A plant on which trials were recorded cannot be deleted.
 //!
@@ -27,6 +28,7 @@ mod plants;
 pub mod records;
 mod reports;
 mod rows;
+mod scrub;
 mod signals;
 mod studies;
 mod subjects;

@@ -5,10 +5,9 @@ use super::error::{StoreError, StoreResult, primary_code};
 use sqlx::migrate::{MigrateError, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{Sqlite, Transaction};
-use std::future::Future;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Weak};
 use std::time::Duration;
 use tokio::sync::Notify;
 
@@ -30,14 +29,16 @@ pub struct Store {
 }
 
 #[derive(Debug)]
-struct Inner {
+pub(super) struct Inner {
     writer: SqlitePool,
     readers: SqlitePool,
     clock: Clock,
     /// Work entered the queue, as far as this process knows.
     work: Arc<Notify>,
     /// A deletion's traces may still be in the write-ahead log.
-    scrub_due: AtomicBool,
+    pub(super) log_due: AtomicBool,
+    /// Somebody waits to vacuum.
+    pub(super) scrub_planned: AtomicBool,
     /// Removed last, after the pools.
     _temporary: Option<TemporaryDirectory>,
 }
@@ -72,6 +73,7 @@ impl Store {
             .synchronous(SqliteSynchronous::Full)
             .foreign_keys(true)
             .busy_timeout(BUSY_TIMEOUT)
+            // See `scrub` for what this does and does not do.
             .pragma("secure_delete", "ON")
             // Sorting a person's rows must not leave copies in temporary files.
             .pragma("temp_store", "MEMORY");
@@ -95,7 +97,8 @@ impl Store {
             clock,
             work: Arc::new(Notify::new()),
             // A process that was killed between a deletion and its scrubbing left the rest to us.
-            scrub_due: AtomicBool::new(true),
+            log_due: AtomicBool::new(true),
+            scrub_planned: AtomicBool::new(false),
             _temporary: temporary,
         };
         let store = Self { inner: Arc::new(inner) };
@@ -130,6 +133,10 @@ impl Store {
         self.inner.clock.now_us()
     }
 
+    pub(super) fn writer(&self) -> &SqlitePool {
+        &self.inner.writer
+    }
+
     pub(super) fn readers(&self) -> &SqlitePool {
         &self.inner.readers
     }
@@ -151,48 +158,16 @@ impl Store {
         self.inner.work.notify_one();
     }
 
-    /// Runs a deletion and then removes its traces from the log, even when whoever asked has gone away meanwhile.
-    pub(super) async fn delete<T, F>(&self, deletion: F) -> StoreResult<T>
-    where
-        T: Send + 'static,
-        F: Future<Output = StoreResult<T>> + Send + 'static,
-    {
-        let store = self.clone();
-        let task = tokio::spawn(async move {
-            let outcome = deletion.await?;
-            store.inner.scrub_due.store(true, Ordering::SeqCst);
-            store.scrub_if_due().await;
-            Ok(outcome)
-        });
-        match task.await {
-            Ok(outcome) => outcome,
-            Err(error) if error.is_panic() => std::panic::resume_unwind(error.into_panic()),
-            Err(_) => Err(sqlx::Error::PoolClosed.into()),
-        }
+    pub(super) fn inner(&self) -> &Inner {
+        &self.inner
     }
 
-    /// Folds the write-ahead log into the file and truncates it, where a deletion has left traces in it.
-    ///
-    /// A reader that holds an old state can prevent that; then it stays due, and the next deletion or rescue (each worker
-    /// makes one every few seconds) tries again.
-    pub(super) async fn scrub_if_due(&self) {
-        if !self.inner.scrub_due.swap(false, Ordering::SeqCst) {
-            return;
-        }
-        let outcome = sqlx::query_as::<_, (i64, i64, i64)>("PRAGMA wal_checkpoint(TRUNCATE)")
-            .fetch_one(&self.inner.writer)
-            .await;
-        match outcome {
-            Ok((0, _, _)) => {}
-            Ok(_) => {
-                self.inner.scrub_due.store(true, Ordering::SeqCst);
-                tracing::warn!("a reader kept the write-ahead log from being truncated; trying again later");
-            }
-            Err(error) => {
-                self.inner.scrub_due.store(true, Ordering::SeqCst);
-                tracing::warn!(%error, "the write-ahead log could not be truncated; trying again later");
-            }
-        }
+    pub(super) fn downgrade(&self) -> Weak<Inner> {
+        Arc::downgrade(&self.inner)
+    }
+
+    pub(super) fn from_inner(inner: Arc<Inner>) -> Self {
+        Self { inner }
     }
 }
 
@@ -202,21 +177,21 @@ fn check_file(file: &Path) -> StoreResult<()> {
     match std::fs::metadata(file) {
         Ok(metadata) if metadata.is_dir() => Err(cannot("it is a directory; name a file".to_owned())),
         Ok(metadata) if !metadata.is_file() => Err(cannot("it is not a regular file".to_owned())),
-        Ok(_) => {
-            // SQLite opens a file that it may not write for reading only, and fails at the first write.
-            std::fs::OpenOptions::new()
-                .read(true)
-                .write(true)
-                .open(file)
-                .map(drop)
-                .map_err(|error| cannot(format!("it cannot be opened for writing: {error}")))
-        }
+        // Not opened here: closing it again would drop the locks that SQLite may hold on it in this process (POSIX locks
+        // belong to process and file, not to the handle).
+        Ok(_) => Ok(()),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
             let mut options = std::fs::OpenOptions::new();
-            options.read(true).write(true).create(true).truncate(false);
+            options.write(true).create_new(true);
             #[cfg(unix)]
             std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-            options.open(file).map(drop).map_err(|error| cannot(format!("it cannot be created: {error}")))
+            match options.open(file) {
+                Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => {
+                    Err(cannot(format!("it cannot be created: {error}")))
+                }
+                // Created by another process at the same moment is as good.
+                _ => Ok(()),
+            }
         }
         Err(error) => Err(cannot(error.to_string())),
     }

@@ -4,7 +4,7 @@ use super::error::{StoreError, StoreResult, breaks_unique};
 use super::idempotency::{or_deleted, remember, replay};
 use super::open::Store;
 use super::records::{Created, IdempotencyKey, NewPlant, Page, Plant};
-use super::rows::{get, json, parsed, time, to_json};
+use super::rows::{get, json_verified, parsed, sha256, time, to_json};
 use super::studies::{missed, must_exist};
 use crate::analysis::ids::{PlantId, StudyId};
 use sqlx::SqliteConnection;
@@ -19,7 +19,7 @@ fn plant(row: &SqliteRow) -> StoreResult<Plant> {
         id: parsed(row, "id")?,
         study: parsed(row, "study_id")?,
         name: get(row, "name")?,
-        model: json(row, "model")?,
+        model: json_verified(row, "model", "model_sha256")?,
         version: get(row, "version")?,
         created_at: time(row, "created_at")?,
         updated_at: time(row, "updated_at")?,
@@ -58,14 +58,16 @@ impl Store {
             return or_deleted(fetch(&mut tx, &ids.concat()).await).map(Created::Replayed);
         }
         let (id, now) = (Uuid::now_v7().to_string(), self.now_us());
+        let model = to_json(&new.model)?;
         let row = sqlx::query(
-            "INSERT INTO plants (id, study_id, name, model, created_at, updated_at)
-             VALUES ($1, $2, $3, $4, $5, $5) RETURNING *",
+            "INSERT INTO plants (id, study_id, name, model, model_sha256, created_at, updated_at)
+             VALUES ($1, $2, $3, $4, $5, $6, $6) RETURNING *",
         )
         .bind(&id)
         .bind(study.to_string())
         .bind(&new.name)
-        .bind(to_json(&new.model)?)
+        .bind(&model)
+        .bind(sha256(&model))
         .bind(now)
         .fetch_one(&mut *tx)
         .await
@@ -129,7 +131,7 @@ impl Store {
     pub async fn delete_plant(&self, id: PlantId, if_match: Option<i64>) -> StoreResult<()> {
         let (store, id) = (self.clone(), id.to_string());
         self.delete(async move {
-            let mut tx = store.begin().await?;
+            let mut tx = store.begin_erasing().await?;
             let trials: i64 = sqlx::query_scalar("SELECT count(*) FROM trials WHERE plant_id = $1")
                 .bind(&id)
                 .fetch_one(&mut *tx)

@@ -4,16 +4,10 @@ use super::analyses::NOUN;
 use super::error::{StoreError, StoreResult};
 use super::open::Store;
 use super::records::TrialReport;
-use super::rows::{get, parsed, time};
+use super::rows::{get, parsed, sha256, time};
 use crate::analysis::ids::{AnalysisId, TrialId};
-use crate::analysis::report::hexadecimal;
 use crate::analysis::{Kind, Report};
-use sha2::{Digest, Sha256};
 use sqlx::sqlite::SqliteRow;
-
-pub(super) fn sha256(text: &str) -> String {
-    hexadecimal(&Sha256::digest(text))
-}
 
 /// The report's text, its hash verified.
 fn verified(row: &SqliteRow) -> StoreResult<Option<String>> {

@@ -1,7 +1,9 @@
 //! From rows to the words of the domain. What cannot be read back is damage, and says where.
 
 use super::error::{StoreError, StoreResult};
+use crate::analysis::report::hexadecimal;
 use serde::de::DeserializeOwned;
+use sha2::{Digest, Sha256};
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Decode, Row, Sqlite, Type};
 use std::fmt::Display;
@@ -31,6 +33,22 @@ pub(super) fn parsed_opt<T: FromStr<Err: Display>>(row: &SqliteRow, column: &str
 pub(super) fn json<T: DeserializeOwned>(row: &SqliteRow, column: &str) -> StoreResult<T> {
     let text: &str = row.try_get(column)?;
     serde_json::from_str(text).map_err(|error| StoreError::Damaged(format!("column {column} is no such JSON: {error}")))
+}
+
+/// A JSON column whose SHA-256 is in another column.
+pub(super) fn json_verified<T: DeserializeOwned>(row: &SqliteRow, column: &str, sha256_column: &str) -> StoreResult<T> {
+    let (text, stored): (&str, &str) = (row.try_get(column)?, row.try_get(sha256_column)?);
+    let found = sha256(text);
+    if found != stored {
+        let id: String = get(row, "id")?;
+        return Err(StoreError::Damaged(format!("the {column} of {id} has the hash {found}, not {stored}")));
+    }
+    json(row, column)
+}
+
+/// SHA-256 of a text, in hexadecimal.
+pub(super) fn sha256(text: &str) -> String {
+    hexadecimal(&Sha256::digest(text))
 }
 
 /// A nullable JSON column.

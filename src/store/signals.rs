@@ -42,7 +42,9 @@ pub(super) fn unpack(id: &str, sample_time_s: f64, sha256: &str, columns: &[Pack
     let column = |channel: Channel| -> StoreResult<Option<Vec<f64>>> {
         let letter = channel.letter();
         let Some(packed) = columns.iter().find(|packed| packed.channel == letter) else { return Ok(None) };
-        unpack_column(packed).map(Some).map_err(|why| StoreError::Damaged(format!("trial {id}, column {letter}: {why}")))
+        unpack_column(packed)
+            .map(Some)
+            .map_err(|why| StoreError::Damaged(format!("trial {id}, column {letter}: {why}")))
     };
     let required = |channel: Channel| -> StoreResult<Vec<f64>> {
         column(channel)?
@@ -55,8 +57,8 @@ pub(super) fn unpack(id: &str, sample_time_s: f64, sha256: &str, columns: &[Pack
         output: required(Channel::Output)?,
         disturbance: column(Channel::Disturbance)?,
     };
-    let trial = Trial::new(sample_time_s, signals)
-        .map_err(|error| StoreError::Damaged(format!("trial {id}: {error}")))?;
+    let trial =
+        Trial::new(sample_time_s, signals).map_err(|error| StoreError::Damaged(format!("trial {id}: {error}")))?;
     let found = hexadecimal(&trial.content_sha256());
     if found != sha256 {
         return Err(StoreError::Damaged(format!("trial {id}: its content has the hash {found}, not {sha256}")));

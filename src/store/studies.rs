@@ -151,7 +151,7 @@ impl Store {
     pub async fn delete_study(&self, id: StudyId, if_match: Option<i64>) -> StoreResult<()> {
         let (store, id) = (self.clone(), id.to_string());
         self.delete(async move {
-            let mut tx = store.begin().await?;
+            let mut tx = store.begin_erasing().await?;
             let gone = sqlx::query("DELETE FROM studies WHERE id = $1 AND ($2 IS NULL OR version = $2)")
                 .bind(&id)
                 .bind(if_match)

@@ -119,7 +119,7 @@ impl Store {
         // The old code or attributes may be what must be forgotten, so a patch is scrubbed like a deletion.
         let store = self.clone();
         self.delete(async move {
-            let mut tx = store.begin().await?;
+            let mut tx = store.begin_erasing().await?;
             let before = fetch(&mut tx, &id).await?;
             if if_match.is_some_and(|version| version != before.version) {
                 return Err(StoreError::Stale { noun: NOUN });
@@ -157,7 +157,7 @@ impl Store {
     pub async fn delete_subject(&self, id: SubjectId, if_match: Option<i64>) -> StoreResult<()> {
         let (store, id) = (self.clone(), id.to_string());
         self.delete(async move {
-            let mut tx = store.begin().await?;
+            let mut tx = store.begin_erasing().await?;
             let gone = sqlx::query("DELETE FROM subjects WHERE id = $1 AND ($2 IS NULL OR version = $2)")
                 .bind(&id)
                 .bind(if_match)

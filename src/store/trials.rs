@@ -41,12 +41,11 @@ pub(super) fn trial(row: &SqliteRow) -> StoreResult<TrialRecord> {
 }
 
 pub(super) async fn fetch(connection: &mut SqliteConnection, id: &str) -> StoreResult<TrialRecord> {
-    let row = sqlx::query(
-        "SELECT t.*, s.display_limit FROM trials t JOIN studies s ON s.id = t.study_id WHERE t.id = $1",
-    )
-    .bind(id)
-    .fetch_optional(connection)
-    .await?;
+    let row =
+        sqlx::query("SELECT t.*, s.display_limit FROM trials t JOIN studies s ON s.id = t.study_id WHERE t.id = $1")
+            .bind(id)
+            .fetch_optional(connection)
+            .await?;
     trial(&row.ok_or_else(|| StoreError::not_found(NOUN, id))?)
 }
 
@@ -77,7 +76,10 @@ fn pack_all(new: Vec<NewTrial>) -> StoreResult<Vec<(NewTrial, Vec<Packed>)>> {
             let found = hexadecimal(&new.trial.content_sha256());
             if found != new.sha256 {
                 // Stored, it could never be read back: the hash is checked then.
-                let why = format!("trial {}: the hash given, {}, is not that of its content, {found}", new.number, new.sha256);
+                let why = format!(
+                    "trial {}: the hash given, {}, is not that of its content, {found}",
+                    new.number, new.sha256
+                );
                 return Err(StoreError::Damaged(why));
             }
             let packed = pack(&new.trial)?;
@@ -240,7 +242,7 @@ impl Store {
     pub async fn delete_trial(&self, id: TrialId, if_match: Option<i64>) -> StoreResult<()> {
         let (store, id) = (self.clone(), id.to_string());
         self.delete(async move {
-            let mut tx = store.begin().await?;
+            let mut tx = store.begin_erasing().await?;
             let gone = sqlx::query("DELETE FROM trials WHERE id = $1 AND ($2 IS NULL OR version = $2)")
                 .bind(&id)
                 .bind(if_match)

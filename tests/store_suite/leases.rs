@@ -145,7 +145,10 @@ async fn heartbeats_carry_progress_eta_and_the_wish_to_cancel() {
     assert_eq!((flagged.status, flagged.cancel_requested), (Status::Running, true));
     assert_eq!(store.request_cancel(id).await.unwrap().version, flagged.version);
     assert_eq!(store.peek(&lease).await.unwrap(), Held::CancelRequested);
-    assert_eq!(store.heartbeat(&lease, Progress { done: 11, total: 40 }, LEASE_S).await.unwrap(), Held::CancelRequested);
+    assert_eq!(
+        store.heartbeat(&lease, Progress { done: 11, total: 40 }, LEASE_S).await.unwrap(),
+        Held::CancelRequested
+    );
     assert!(store.confirm_cancel(&lease).await.unwrap());
     let record = store.analysis(id).await.unwrap();
     assert_eq!((record.status, record.eta_s), (Status::Cancelled, None));
@@ -277,7 +280,7 @@ async fn concurrent_claims_never_give_the_same_row_twice() {
 /// Two processes on one file are two stores on it.
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn two_stores_on_one_file_share_the_queue() {
-    let directory = tempfile::tempdir().unwrap();
+    let directory = directory();
     let path = directory.path().join("shared.db");
     let (one, two) = tokio::join!(Store::open(Some(&path)), Store::open(Some(&path)));
     let (one, two) = (one.unwrap(), two.unwrap());

@@ -1,0 +1,385 @@
+//! Analyses: asked for here, computed by workers.
+
+use super::cursor::{List, PageQuery, Pager};
+use super::etag::{self, ETag, IfNoneMatch, is_known, not_modified, tagged_bytes};
+use super::extract::{FromQuery, Id, Json, Params, QueryText, off_thread};
+use super::idempotency::{Idempotency, IdempotencyHeader, mark};
+use super::problem::ApiResult;
+use super::state::AppState;
+use super::{created, no_content};
+use crate::analysis::ids::{AnalysisId, StudyId, TrialId};
+use crate::analysis::report::sha256_json;
+use crate::analysis::{Code, Kind, Plan, Problem, Report, Request};
+use crate::jobs::Status;
+use crate::store::{AnalysisFilter, AnalysisRecord, NewAnalysis, StoreError};
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::Response;
+use serde::Serialize;
+use serde_json::Value;
+use time::OffsetDateTime;
+use utoipa::{IntoParams, ToSchema};
+
+/// An analysis: what was asked for and where it stands.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Analysis)]
+pub struct AnalysisView {
+    id: AnalysisId,
+    kind: Kind,
+    status: Status,
+    /// How often a worker took it.
+    attempts: u32,
+    progress: ProgressView,
+    /// Whether somebody asked for it to be cancelled.
+    cancel_requested: bool,
+    /// What went wrong; only where the status is `failed`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    problem: Option<Problem>,
+    /// The study of its inputs; null where the request carries its data itself.
+    #[schema(required = true)]
+    study: Option<StudyId>,
+    /// The request with every default filled in. Lists leave it out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    request: Option<Request>,
+    /// SHA-256 of the spec with every default filled in: equal for analyses done in the same way.
+    spec_sha256: String,
+    /// Counts changes, from 1.
+    version: i64,
+    #[serde(with = "time::serde::rfc3339")]
+    created_at: OffsetDateTime,
+    /// When the present or last attempt began.
+    #[serde(with = "time::serde::rfc3339::option")]
+    #[schema(required = true)]
+    started_at: Option<OffsetDateTime>,
+    #[serde(with = "time::serde::rfc3339::option")]
+    #[schema(required = true)]
+    finished_at: Option<OffsetDateTime>,
+    #[serde(with = "time::serde::rfc3339")]
+    updated_at: OffsetDateTime,
+    links: AnalysisLinks,
+}
+
+/// How far an analysis is, in units of its own choosing, as of the last word from its worker.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Progress)]
+pub struct ProgressView {
+    /// Units finished.
+    done: u64,
+    /// Units in all; 0 while that is not known.
+    total: u64,
+    /// Seconds left; null while that is not known.
+    #[schema(required = true)]
+    eta_s: Option<f64>,
+}
+
+/// Where to go on from an analysis.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct AnalysisLinks {
+    /// The analysis itself.
+    #[serde(rename = "self")]
+    itself: String,
+    /// Its report, once it succeeded.
+    report: String,
+    /// Its life as server-sent events.
+    events: String,
+    /// Where to POST to cancel it.
+    cancel: String,
+}
+
+impl AnalysisView {
+    /// With the request.
+    #[must_use]
+    pub fn whole(record: AnalysisRecord) -> Self {
+        let request = record.request.clone();
+        Self { request: Some(request), ..Self::brief(record) }
+    }
+
+    /// Without the request, which may carry data.
+    #[must_use]
+    pub fn brief(record: AnalysisRecord) -> Self {
+        let itself = format!("/v1/analyses/{}", record.id);
+        Self {
+            id: record.id,
+            kind: record.kind,
+            status: record.status,
+            attempts: record.attempts,
+            progress: ProgressView { done: record.progress.done, total: record.progress.total, eta_s: record.eta_s },
+            cancel_requested: record.cancel_requested,
+            problem: record.problem,
+            study: record.study,
+            request: None,
+            spec_sha256: record.spec_sha256,
+            version: record.version,
+            created_at: record.created_at,
+            started_at: record.started_at,
+            finished_at: record.finished_at,
+            updated_at: record.updated_at,
+            links: AnalysisLinks {
+                report: format!("{itself}/report"),
+                events: format!("{itself}/events"),
+                cancel: format!("{itself}/cancel"),
+                itself,
+            },
+        }
+    }
+}
+
+const STATUSES: [Status; 5] = [Status::Queued, Status::Running, Status::Succeeded, Status::Failed, Status::Cancelled];
+
+/// Names an analysis in the path.
+#[derive(Debug, IntoParams)]
+#[into_params(parameter_in = Path)]
+#[allow(dead_code, reason = "documents the path")]
+pub struct AnalysisPath {
+    /// The analysis.
+    analysis: AnalysisId,
+}
+
+/// Which analyses.
+#[derive(Debug, Clone, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct AnalysisQuery {
+    /// Only those of this study.
+    #[param(nullable = false)]
+    study: Option<StudyId>,
+    /// Only those that use this trial.
+    #[param(nullable = false)]
+    trial: Option<TrialId>,
+    /// Only those of this kind.
+    #[param(nullable = false, inline)]
+    kind: Option<Kind>,
+    /// Only those in this status.
+    #[param(nullable = false, inline)]
+    status: Option<Status>,
+}
+
+impl FromQuery for AnalysisQuery {
+    fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
+        let kinds = Kind::ALL.map(Kind::name).join(", ");
+        let statuses = STATUSES.map(Status::name).join(", ");
+        Ok(Self {
+            study: query.id("study")?,
+            trial: query.id("trial")?,
+            kind: query.one_of("kind", &kinds, |text| text.parse().ok())?,
+            status: query.one_of("status", &statuses, Status::from_name)?,
+        })
+    }
+}
+
+/// A checked request, ready to be queued.
+pub(super) struct Checked {
+    pub new: NewAnalysis,
+}
+
+/// Checks a request; specs can be large grids, so this is work for a blocking thread.
+pub(super) fn check(request: &Request) -> Result<Checked, Problem> {
+    let plan = Plan::parse(request)?;
+    let canonical = plan.request();
+    let references = plan.references();
+    Ok(Checked {
+        new: NewAnalysis {
+            study: None,
+            kind: plan.kind(),
+            spec_sha256: sha256_json(&canonical.spec),
+            request: canonical,
+            trials: references.trials,
+            plants: references.plants,
+        },
+    })
+}
+
+/// The pointer of the first string within `value` that equals `text`.
+fn pointer_to(value: &Value, text: &str, at: &str) -> Option<String> {
+    match value {
+        Value::String(found) => (found.eq_ignore_ascii_case(text)).then(|| at.to_owned()),
+        Value::Array(items) => {
+            items.iter().enumerate().find_map(|(i, item)| pointer_to(item, text, &format!("{at}/{i}")))
+        }
+        Value::Object(fields) => fields.iter().find_map(|(key, item)| pointer_to(item, text, &format!("{at}/{key}"))),
+        _ => None,
+    }
+}
+
+/// The study that everything referred to is of; `None` where nothing is.
+async fn study_of(state: &AppState, new: &NewAnalysis, inputs: &Value) -> ApiResult<Option<StudyId>> {
+    let missing = |noun: &str, id: String| {
+        let place = pointer_to(inputs, &id, "/inputs").unwrap_or_else(|| "/inputs".to_owned());
+        Problem::new(Code::Invalid, format!("no such {noun}"), format!("there is no {noun} {id}"))
+            .at(place)
+            .mend("Check the id; it may have been deleted.")
+    };
+    let mut found: Option<(StudyId, String)> = None;
+    let mut join = |study: StudyId, id: String| match &found {
+        Some((first, other)) if *first != study => {
+            let place = pointer_to(inputs, &id, "/inputs").unwrap_or_else(|| "/inputs".to_owned());
+            Err(Problem::new(
+                Code::Invalid,
+                "inputs of several studies",
+                format!("{id} is of study {study}, {other} of study {first}"),
+            )
+            .at(place)
+            .mend("Name inputs of one study only."))
+        }
+        Some(_) => Ok(()),
+        None => {
+            found = Some((study, id));
+            Ok(())
+        }
+    };
+    for id in &new.trials {
+        match state.store.trial(*id).await {
+            Ok(trial) => join(trial.study, id.to_string())?,
+            Err(StoreError::NotFound { .. }) => return Err(missing("trial", id.to_string()).into()),
+            Err(other) => return Err(other.into()),
+        }
+    }
+    for id in &new.plants {
+        match state.store.plant(*id).await {
+            Ok(plant) => join(plant.study, id.to_string())?,
+            Err(StoreError::NotFound { .. }) => return Err(missing("plant", id.to_string()).into()),
+            Err(other) => return Err(other.into()),
+        }
+    }
+    Ok(found.map(|(study, _)| study))
+}
+
+/// Queues an analysis.
+///
+/// `inputs` names stored trials and plants by id, or carries the data itself; `spec` says how it is computed. Both depend
+/// on the kind.
+#[utoipa::path(post, path = "/v1/analyses", tag = "analyses", operation_id = "create_analysis",
+    params(IdempotencyHeader),
+    request_body(content = Request, example = json!({
+        "kind": "ssid",
+        "inputs": {"trial": "0199d2f4-7a3c-7bb0-8a41-2f6a7e1c9d10"},
+        "spec": {"pool": "zhang2015_appendix_b"}
+    })),
+    responses((status = 202, description = "Queued; Location names the analysis, which says how it goes on.",
+        body = AnalysisView)))]
+pub async fn create(
+    State(state): State<AppState>,
+    Params(()): Params<()>,
+    idempotency: Idempotency,
+    body: Json<Request>,
+) -> ApiResult<Response> {
+    let key = idempotency.key(&body.bytes);
+    let request = body.value;
+    let inputs = request.inputs.clone();
+    let Checked { mut new } = off_thread(move || check(&request)).await??;
+    new.study = study_of(&state, &new, &inputs).await?;
+    let made = match state.store.create_analysis(new, key.as_ref()).await {
+        // Deleted between the look above and the write.
+        Err(StoreError::NotFound { noun, id }) => {
+            let place = pointer_to(&inputs, &id, "/inputs").unwrap_or_else(|| "/inputs".to_owned());
+            let detail = format!("there is no {noun} {id}");
+            return Err(Problem::new(Code::Invalid, format!("no such {noun}"), detail).at(place).into());
+        }
+        other => other?,
+    };
+    let view = AnalysisView::whole(made.clone().into_inner());
+    let location = view.links.itself.clone();
+    Ok(mark(created(etag::tagged(StatusCode::ACCEPTED, &view)?, location), &made))
+}
+
+/// Lists analyses.
+#[utoipa::path(get, path = "/v1/analyses", tag = "analyses", operation_id = "list_analyses",
+    params(AnalysisQuery, PageQuery, IfNoneMatch),
+    responses((status = 200, description = "A page of analyses, without their requests.", body = List<AnalysisView>)))]
+pub async fn list(
+    State(state): State<AppState>,
+    uri: Uri,
+    headers: HeaderMap,
+    Params((filter, page)): Params<(AnalysisQuery, PageQuery)>,
+) -> ApiResult<Response> {
+    let pager = Pager::new(&uri, page)?;
+    let AnalysisQuery { study, trial, kind, status } = filter;
+    let rows = state.store.analyses(AnalysisFilter { study, trial, kind, status }, pager.page()).await?;
+    pager.answer(&headers, rows, |analysis| analysis.id.0, AnalysisView::brief)
+}
+
+/// Reads an analysis: its status, attempts and progress.
+#[utoipa::path(get, path = "/v1/analyses/{analysis}", tag = "analyses", operation_id = "read_analysis",
+    params(AnalysisPath, IfNoneMatch),
+    responses((status = 200, description = "The analysis.", body = AnalysisView)))]
+pub async fn read(
+    State(state): State<AppState>,
+    Id(id): Id<AnalysisId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    etag::conditional(&headers, &AnalysisView::whole(state.store.analysis(id).await?))
+}
+
+/// Reads the report, byte for byte as the worker wrote it.
+#[utoipa::path(get, path = "/v1/analyses/{analysis}/report", tag = "analyses", operation_id = "read_report",
+    params(AnalysisPath, IfNoneMatch),
+    responses((status = 200, description = "The report.", body = Report),
+        (status = 409, description = "There is no report: the analysis is not finished, failed, or was cancelled.")))]
+pub async fn report(
+    State(state): State<AppState>,
+    Id(id): Id<AnalysisId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let Some(text) = state.store.report_json(id).await? else {
+        let record = state.store.analysis(id).await?;
+        let status = record.status.name();
+        let (title, mend) = match record.status {
+            Status::Failed => ("failed", "GET the analysis: its problem says why."),
+            Status::Cancelled => ("cancelled", "Queue the analysis again."),
+            _ => ("not finished", "Follow its events, or ask again later."),
+        };
+        return Err(Problem::new(Code::Conflict, title, format!("the analysis is {status} and has no report"))
+            .mend(mend)
+            .into());
+    };
+    let bytes = text.into_bytes();
+    let tag = ETag::of_bytes(&bytes);
+    if is_known(&headers, &tag) {
+        return Ok(not_modified(&tag));
+    }
+    Ok(tagged_bytes(StatusCode::OK, "application/json", &tag, bytes))
+}
+
+/// Cancels an analysis: a queued one at once, a running one within moments. A finished one stays as it is.
+#[utoipa::path(post, path = "/v1/analyses/{analysis}/cancel", tag = "analyses", operation_id = "cancel_analysis",
+    params(AnalysisPath),
+    responses((status = 200, description = "It is finished: cancelled now, or finished before.", body = AnalysisView),
+        (status = 202, description = "It is running and will stop.", body = AnalysisView)))]
+pub async fn cancel(
+    State(state): State<AppState>,
+    Id(id): Id<AnalysisId>,
+    Params(()): Params<()>,
+) -> ApiResult<Response> {
+    let record = state.store.request_cancel(id).await?;
+    let status = if record.status.is_final() { StatusCode::OK } else { StatusCode::ACCEPTED };
+    etag::tagged(status, &AnalysisView::whole(record))
+}
+
+/// Deletes an analysis with its report. A running one is abandoned.
+#[utoipa::path(delete, path = "/v1/analyses/{analysis}", tag = "analyses", operation_id = "delete_analysis",
+    params(AnalysisPath), responses((status = 204, description = "It is gone.")))]
+pub async fn delete(
+    State(state): State<AppState>,
+    Id(id): Id<AnalysisId>,
+    Params(()): Params<()>,
+) -> ApiResult<Response> {
+    state.store.delete_analysis(id).await?;
+    Ok(no_content())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn references_are_found_in_the_inputs() {
+        let inputs = json!({"trials": ["a", "b"], "plant": "c"});
+        assert_eq!(pointer_to(&inputs, "B", "/inputs").as_deref(), Some("/inputs/trials/1"));
+        assert_eq!(pointer_to(&inputs, "c", "/inputs").as_deref(), Some("/inputs/plant"));
+        assert_eq!(pointer_to(&inputs, "d", "/inputs"), None);
+    }
+}

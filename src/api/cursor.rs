@@ -1,0 +1,206 @@
+//! Lists in pages by keyset: an opaque token names the last row of the page before.
+
+use super::etag::conditional;
+use super::extract::{FromQuery, QueryText};
+use super::problem::ApiResult;
+use crate::analysis::report::hexadecimal;
+use crate::analysis::{Code, Problem};
+use crate::store::Page;
+use axum::http::{HeaderMap, HeaderValue, Uri, header};
+use axum::response::Response;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use utoipa::{IntoParams, ToSchema};
+use uuid::Uuid;
+
+/// Rows of a page unless asked otherwise.
+const DEFAULT_LIMIT: u32 = 100;
+/// Rows of a page at most.
+const MAX_LIMIT: u32 = 500;
+/// Version of the token's layout.
+const VERSION: u8 = 1;
+
+/// Which page of a list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct PageQuery {
+    /// Rows per page.
+    #[param(minimum = 1, maximum = 500, default = 100, required = false)]
+    pub limit: u32,
+    /// The `next_cursor` of the page before, unchanged and with the same filters.
+    #[param(value_type = Option<String>, nullable = false, pattern = "^[0-9a-f]{42}$")]
+    pub cursor: Option<Cursor>,
+}
+
+/// A place in a list: after the row with this id, of the list with this fingerprint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Cursor {
+    list: [u8; 4],
+    after: Uuid,
+}
+
+impl Cursor {
+    fn write(self) -> String {
+        let mut bytes = vec![VERSION];
+        bytes.extend(self.list);
+        bytes.extend(self.after.as_bytes());
+        hexadecimal(&bytes)
+    }
+
+    fn read(text: &str) -> Option<Self> {
+        if text.len() != 42 || !text.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b)) {
+            return None;
+        }
+        let bytes: Vec<u8> =
+            (0..21).map(|i| u8::from_str_radix(&text[2 * i..2 * i + 2], 16)).collect::<Result<_, _>>().ok()?;
+        if bytes[0] != VERSION {
+            return None;
+        }
+        Some(Self { list: bytes[1..5].try_into().ok()?, after: Uuid::from_slice(&bytes[5..]).ok()? })
+    }
+}
+
+impl FromQuery for PageQuery {
+    fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
+        let limit = query.integer("limit", 1, i64::from(MAX_LIMIT))?.map_or(DEFAULT_LIMIT, |limit| limit as u32);
+        let cursor = match query.take("cursor")? {
+            None => None,
+            Some(text) => Some(Cursor::read(&text).ok_or_else(not_a_cursor)?),
+        };
+        Ok(Self { limit, cursor })
+    }
+}
+
+fn not_a_cursor() -> Problem {
+    Problem::new(
+        Code::Malformed,
+        "not a cursor of this list",
+        "the cursor does not come from this list with these filters",
+    )
+    .at("query parameter cursor")
+    .mend("Give the next_cursor of the page before unchanged, with the same filters; or start without a cursor.")
+}
+
+/// One page of a list.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct List<T> {
+    /// The rows, in the order in which they were made.
+    pub items: Vec<T>,
+    /// Where the next page starts; null on the last one.
+    #[schema(required = true)]
+    pub next_cursor: Option<String>,
+}
+
+/// A list being paged through: what it lists (path and filters, without the page), and which page.
+#[derive(Debug)]
+pub struct Pager {
+    list: [u8; 4],
+    path: String,
+    others: Vec<(String, String)>,
+    query: PageQuery,
+}
+
+impl Pager {
+    /// The page asked for of the list at `uri`.
+    ///
+    /// # Errors
+    /// `malformed` for the cursor of another list.
+    pub fn new(uri: &Uri, query: PageQuery) -> Result<Self, Problem> {
+        let others: Vec<_> =
+            QueryText::pairs(uri)?.into_iter().filter(|(name, _)| name != "limit" && name != "cursor").collect();
+        let mut hasher = Sha256::new();
+        hasher.update(uri.path());
+        let mut sorted = others.clone();
+        sorted.sort();
+        for (name, value) in &sorted {
+            hasher.update([0]);
+            hasher.update(name);
+            hasher.update([0]);
+            hasher.update(value);
+        }
+        let digest: [u8; 32] = hasher.finalize().into();
+        let list = [digest[0], digest[1], digest[2], digest[3]];
+        if query.cursor.is_some_and(|cursor| cursor.list != list) {
+            return Err(not_a_cursor());
+        }
+        Ok(Self { list, path: uri.path().to_owned(), others, query })
+    }
+
+    /// What to ask the store for: one row more than the page holds, to know whether there is a next page.
+    #[must_use]
+    pub fn page(&self) -> Page {
+        Page { after: self.query.cursor.map(|cursor| cursor.after), limit: self.query.limit + 1 }
+    }
+
+    /// The answer, from the rows that the store gave for [`Pager::page`].
+    ///
+    /// # Errors
+    /// `internal`, if a row cannot be written.
+    pub fn answer<R, T: Serialize>(
+        &self,
+        headers: &HeaderMap,
+        mut rows: Vec<R>,
+        id: impl Fn(&R) -> Uuid,
+        view: impl Fn(R) -> T,
+    ) -> ApiResult<Response> {
+        let limit = self.query.limit as usize;
+        let more = rows.len() > limit;
+        rows.truncate(limit);
+        let next_cursor = rows.last().filter(|_| more).map(|last| Cursor { list: self.list, after: id(last) }.write());
+        let link = next_cursor.as_deref().map(|cursor| self.link(cursor));
+        let list = List { items: rows.into_iter().map(view).collect(), next_cursor };
+        let mut response = conditional(headers, &list)?;
+        if let Some(value) = link.and_then(|link| HeaderValue::from_str(&link).ok()) {
+            response.headers_mut().insert(header::LINK, value);
+        }
+        Ok(response)
+    }
+
+    fn link(&self, cursor: &str) -> String {
+        let mut query = format!("limit={}&cursor={cursor}", self.query.limit);
+        for (name, value) in &self.others {
+            query.push_str(&format!("&{}={}", percent_encoded(name), percent_encoded(value)));
+        }
+        format!("<{}?{query}>; rel=\"next\"", self.path)
+    }
+}
+
+fn percent_encoded(text: &str) -> String {
+    text.bytes().fold(String::new(), |mut out, byte| {
+        if byte.is_ascii_alphanumeric() || b"-._~".contains(&byte) {
+            out.push(char::from(byte));
+        } else {
+            out.push_str(&format!("%{byte:02X}"));
+        }
+        out
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cursors_survive_the_wire_and_stay_with_their_list() {
+        let uri: Uri = "/v1/analyses?kind=ssid&limit=2".parse().unwrap();
+        let pager = Pager::new(&uri, PageQuery { limit: 2, cursor: None }).unwrap();
+        let cursor = Cursor { list: pager.list, after: Uuid::from_u128(7) };
+        assert_eq!(Cursor::read(&cursor.write()), Some(cursor));
+        let query = PageQuery { limit: 9, cursor: Some(cursor) };
+        assert_eq!(Pager::new(&uri, query).unwrap().page(), Page { after: Some(Uuid::from_u128(7)), limit: 10 });
+        for other in ["/v1/analyses?kind=frequency_response", "/v1/analyses", "/v1/studies?kind=ssid"] {
+            assert!(Pager::new(&other.parse().unwrap(), query).is_err(), "{other}");
+        }
+        let long = cursor.write();
+        for bad in ["", "7", &long[1..], &long.to_uppercase().replace('0', "G"), &long.replacen("01", "02", 1)] {
+            assert_eq!(Cursor::read(bad), None, "{bad}");
+        }
+    }
+
+    #[test]
+    fn links_repeat_the_filters() {
+        let uri: Uri = "/v1/studies/1/subjects?group=g%C3%A4%26b".parse().unwrap();
+        let pager = Pager::new(&uri, PageQuery { limit: 2, cursor: None }).unwrap();
+        assert_eq!(pager.link("c"), "</v1/studies/1/subjects?limit=2&cursor=c&group=g%C3%A4%26b>; rel=\"next\"");
+    }
+}

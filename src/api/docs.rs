@@ -1,0 +1,33 @@
+//! The API's own description, and pages to read it.
+
+use super::etag::{ETag, IfNoneMatch, is_known, not_modified, tagged_bytes};
+use super::extract::Params;
+use super::problem::ApiResult;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::Response;
+use utoipa_swagger_ui::{Config, SwaggerUi};
+
+/// The OpenAPI document, as `volition openapi` writes it and as it is committed at `openapi/openapi.json`.
+#[must_use]
+pub fn openapi_json() -> String {
+    let mut text = super::openapi().to_pretty_json().unwrap_or_default();
+    text.push('\n');
+    text
+}
+
+/// This document.
+#[utoipa::path(get, path = "/openapi.json", tag = "operations", operation_id = "openapi", params(IfNoneMatch),
+    responses((status = 200, description = "An OpenAPI 3.1 document.", body = Object)))]
+pub async fn read(Params(()): Params<()>, headers: HeaderMap) -> ApiResult<Response> {
+    let bytes = openapi_json().into_bytes();
+    let tag = ETag::of_bytes(&bytes);
+    if is_known(&headers, &tag) {
+        return Ok(not_modified(&tag));
+    }
+    Ok(tagged_bytes(StatusCode::OK, "application/json", &tag, bytes))
+}
+
+/// Pages that show the document; everything they load comes from this server.
+pub(super) fn pages() -> axum::Router<super::AppState> {
+    SwaggerUi::new("/docs").config(Config::new(["/openapi.json"]).use_base_layout()).into()
+}

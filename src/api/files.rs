@@ -1,0 +1,195 @@
+//! Files as they are uploaded, and how they become trials.
+
+use super::extract::shortened;
+use super::problem::ApiResult;
+use super::state::Limits;
+use crate::analysis::{Code, Problem};
+use crate::trial::csv::{self, ColumnMapping, Options};
+use crate::trial::gzip::GzipReader;
+use crate::trial::{ReadError, ReadTrial, Trial, json};
+use axum::body::{Body, Bytes};
+use axum::extract::{DefaultBodyLimit, FromRequest, Multipart, Request};
+use axum::http::header;
+use std::io::{self, Read as _};
+
+/// Rows of all files of one upload together, in multiples of the rows that one may have.
+const FULL_FILES: usize = 4;
+
+/// The name of the part that says what the files do not.
+const METADATA: &str = "metadata";
+
+/// A file in memory.
+#[derive(Debug, Clone)]
+pub(super) struct File {
+    /// Its name, where it came in a form.
+    pub name: Option<String>,
+    /// Whether it is packed.
+    pub gzip: bool,
+    /// Whether it is JSON (else it is CSV).
+    pub json: bool,
+    /// Its bytes as they came.
+    pub bytes: Bytes,
+}
+
+/// A file that was read.
+pub(super) struct Read {
+    pub trial: Trial,
+    pub ignored_columns: Vec<String>,
+}
+
+/// What the files of one upload may still take.
+pub(super) struct Budget {
+    limits: Limits,
+    bytes: u64,
+    rows: usize,
+}
+
+impl Budget {
+    pub(super) fn new(limits: &Limits) -> Self {
+        Self { limits: *limits, bytes: limits.max_decompressed_bytes, rows: limits.max_rows.saturating_mul(FULL_FILES) }
+    }
+}
+
+/// Counts what passes.
+struct Counted<R> {
+    inner: R,
+    count: u64,
+}
+
+impl<R: io::Read> io::Read for Counted<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.inner.read(buffer)?;
+        self.count += read as u64;
+        Ok(read)
+    }
+}
+
+impl File {
+    /// Whether this is the part that describes the others.
+    pub(super) fn is_metadata(&self) -> bool {
+        self.json && self.name.as_deref() == Some(METADATA)
+    }
+
+    /// Reads the trial within what is left of the budget.
+    pub(super) fn read(
+        &self,
+        budget: &mut Budget,
+        columns: ColumnMapping,
+        sample_time_s: Option<f64>,
+    ) -> Result<Read, Problem> {
+        let limits =
+            crate::trial::Limits { max_rows: budget.limits.max_rows.min(budget.rows), max_bytes: budget.bytes };
+        let source: Box<dyn io::Read> =
+            if self.gzip { Box::new(GzipReader::new(&self.bytes[..])) } else { Box::new(&self.bytes[..]) };
+        let mut source = Counted { inner: source, count: 0 };
+        let read = if self.json {
+            json::read(&mut source, sample_time_s, &limits)
+                .map(|trial| ReadTrial { trial, ignored_columns: Vec::new() })
+        } else {
+            csv::read(&mut source, &Options { columns, sample_time_s, limits })
+        };
+        let ReadTrial { trial, ignored_columns } = read.map_err(|error| self.problem(error))?;
+        budget.bytes = budget.bytes.saturating_sub(source.count);
+        budget.rows = budget.rows.saturating_sub(trial.samples());
+        Ok(Read { trial, ignored_columns })
+    }
+
+    fn problem(&self, error: ReadError) -> Problem {
+        let problem = Problem::from(error);
+        let Some(name) = &self.name else { return problem };
+        let place = match &problem.location {
+            None => format!("file '{}'", shortened(name)),
+            Some(place) => format!("file '{}', {place}", shortened(name)),
+        };
+        problem.at(place)
+    }
+}
+
+/// Unpacks gzip in memory, up to a limit.
+pub(super) fn unpack(packed: &[u8], max_bytes: u64) -> Result<Vec<u8>, Problem> {
+    let mut bytes = Vec::new();
+    let mut source = GzipReader::new(packed).take(max_bytes.saturating_add(1));
+    source.read_to_end(&mut bytes).map_err(|error| Problem::from(ReadError::from(error)))?;
+    if bytes.len() as u64 > max_bytes {
+        return Err(ReadError::TooManyBytes { limit: max_bytes }.into());
+    }
+    Ok(bytes)
+}
+
+/// The boundary of a form, from its media type.
+pub(super) fn boundary(content_type: &str) -> Result<String, Problem> {
+    let found = content_type.split(';').skip(1).find_map(|parameter| {
+        let (name, value) = parameter.split_once('=')?;
+        name.trim().eq_ignore_ascii_case("boundary").then(|| value.trim().trim_matches('"').to_owned())
+    });
+    match found {
+        Some(boundary) if (1..=70).contains(&boundary.len()) => Ok(boundary),
+        _ => Err(Problem::new(Code::Malformed, "no boundary", "the form's media type names no boundary")
+            .at("header Content-Type")
+            .mend("Let the HTTP client write the Content-Type of forms.")),
+    }
+}
+
+/// The files of a form, its metadata among them.
+pub(super) async fn of_form(bytes: Bytes, boundary: &str, limits: &Limits) -> ApiResult<Vec<File>> {
+    let mut request = Request::builder()
+        .header(header::CONTENT_TYPE, format!("multipart/form-data; boundary=\"{boundary}\""))
+        .body(Body::from(bytes))
+        .map_err(|error| malformed(&error.to_string()))?;
+    // The bytes are in memory and within the limits already.
+    DefaultBodyLimit::disable().apply(&mut request);
+    let mut form = Multipart::from_request(request, &()).await.map_err(|error| malformed(&error.body_text()))?;
+    let mut files: Vec<File> = Vec::new();
+    while let Some(field) = form.next_field().await.map_err(|error| malformed(&error.body_text()))? {
+        let part = field.name().unwrap_or_default().to_owned();
+        let named = field.file_name().map(str::to_owned);
+        let is_metadata = part == METADATA;
+        let packed = |name: &str| name.to_ascii_lowercase().ends_with(".gz");
+        let gzip = named.as_deref().is_some_and(packed)
+            || field.content_type().is_some_and(|media| matches!(media, "application/gzip" | "application/x-gzip"));
+        let bytes = field.bytes().await.map_err(|error| malformed(&error.body_text()))?;
+        let file = match (is_metadata, named) {
+            (true, _) => File { name: Some(METADATA.to_owned()), gzip: false, json: true, bytes },
+            (false, Some(name)) if !name.is_empty() => File { name: Some(name), gzip, json: false, bytes },
+            (false, _) => {
+                return Err(Problem::new(
+                    Code::Malformed,
+                    "a part without file name",
+                    format!("the part '{}' is no file and not named metadata", shortened(&part)),
+                )
+                .at(format!("part {}", shortened(&part)))
+                .mend("Send CSV files (curl -F file=@trial.csv) and at most one part named metadata.")
+                .into());
+            }
+        };
+        if files.iter().any(|other| other.name == file.name) {
+            let name = shortened(file.name.as_deref().unwrap_or_default());
+            return Err(Problem::new(Code::Malformed, "a file name twice", format!("two parts are named '{name}'"))
+                .at(format!("file '{name}'"))
+                .mend("Give each file a name of its own.")
+                .into());
+        }
+        files.push(file);
+        if files.iter().filter(|file| !file.is_metadata()).count() > limits.max_multipart_files {
+            return Err(Problem::new(
+                Code::TooLarge,
+                "too many files",
+                format!("the form has more than {} files", limits.max_multipart_files),
+            )
+            .at("body")
+            .mend("Send the files in several requests.")
+            .into());
+        }
+    }
+    if files.iter().all(File::is_metadata) {
+        return Err(Problem::new(Code::Malformed, "no files", "the form has no file")
+            .at("body")
+            .mend("Send at least one CSV file: curl -F file=@trial.csv.")
+            .into());
+    }
+    Ok(files)
+}
+
+fn malformed(why: &str) -> Problem {
+    Problem::new(Code::Malformed, "unreadable form", why.to_owned()).at("body")
+}

@@ -1,0 +1,103 @@
+//! Mean and standard deviation of identified controllers over subjects.
+
+use super::etag::{self, IfNoneMatch};
+use super::extract::{FromQuery, Id, Params, QueryText, off_thread};
+use super::learning_curves::GroupQuery;
+use super::learning_inputs::{CurveQuery, gather};
+use super::problem::ApiResult;
+use super::state::AppState;
+use super::studies::StudyPath;
+use crate::analysis::ids::StudyId;
+use crate::analysis::{Code, Problem};
+use crate::learning::bode::{frequency_grid, identified_band};
+use crate::learning::{StudyFrequencyResponses, TrialSelection, study_frequency_responses};
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use utoipa::IntoParams;
+
+/// Frequencies unless asked otherwise.
+const DEFAULT_POINTS: i64 = 100;
+/// Frequencies at most.
+const MAX_POINTS: i64 = 2000;
+
+/// Which trial of each subject, at which frequencies.
+#[derive(Debug, Clone, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct ResponseQuery {
+    /// Which identified trial of each subject: `first`, `last`, or a trial number.
+    #[param(value_type = Option<String>, nullable = false, pattern = "^(first|last|[1-9][0-9]{0,8})$", default = "last")]
+    trial: TrialSelection,
+    /// Lowest frequency in rad/s; without it, that of the identified band.
+    #[param(nullable = false, minimum = 0)]
+    omega_from_rad_s: Option<f64>,
+    /// Highest frequency in rad/s; without it, that of the identified band.
+    #[param(nullable = false, minimum = 0)]
+    omega_to_rad_s: Option<f64>,
+    /// How many frequencies, equally spaced.
+    #[param(required = false, minimum = 1, maximum = 2000, default = 100)]
+    points: usize,
+}
+
+impl FromQuery for ResponseQuery {
+    fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
+        let trial = query.one_of("trial", "first, last and trial numbers", |text| match text {
+            "first" => Some(TrialSelection::First),
+            "last" => Some(TrialSelection::Last),
+            number => {
+                let plain = !number.starts_with(['0', '+']) && number.len() <= 9;
+                number.parse().ok().filter(|n| plain && *n >= 1).map(TrialSelection::Number)
+            }
+        })?;
+        let omega_from_rad_s = query.number("omega_from_rad_s")?;
+        let omega_to_rad_s = query.number("omega_to_rad_s")?;
+        for (name, value) in [("omega_from_rad_s", omega_from_rad_s), ("omega_to_rad_s", omega_to_rad_s)] {
+            if let Some(bad) = value.filter(|value| *value < 0.0) {
+                return Err(Problem::new(Code::Malformed, "bad query parameter", format!("{bad} is negative"))
+                    .at(format!("query parameter {name}")));
+            }
+        }
+        let points = query.integer("points", 1, MAX_POINTS)?.unwrap_or(DEFAULT_POINTS) as usize;
+        Ok(Self { trial: trial.unwrap_or_default(), omega_from_rad_s, omega_to_rad_s, points })
+    }
+}
+
+/// Mean and standard deviation over each group's subjects of the identified feedforward, feedback, feedforward times plant
+/// and closed loop, frequency by frequency, with trimmed versions.
+#[utoipa::path(get, path = "/v1/studies/{study}/frequency-responses", tag = "learning",
+    operation_id = "read_study_frequency_responses",
+    params(StudyPath, GroupQuery, CurveQuery, ResponseQuery, IfNoneMatch),
+    responses((status = 200, description = "The responses; without frequencies where nothing is identified yet and none are asked for.",
+        body = StudyFrequencyResponses),
+        (status = 422, description = "The frequencies asked for make no grid.")))]
+pub async fn of_study(
+    State(state): State<AppState>,
+    Id(id): Id<StudyId>,
+    Params(params): Params<(GroupQuery, (CurveQuery, ResponseQuery))>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let (GroupQuery { group }, (query, response)) = params;
+    state.store.study(id).await?;
+    let mut gathered = gather(&state, id, None, group, &query).await?;
+    let (subjects, options) = (gathered.subjects, query.options());
+    let ResponseQuery { trial, omega_from_rad_s, omega_to_rad_s, points } = response;
+    let band = identified_band(&subjects);
+    let from = omega_from_rad_s.or(band.map(|(from, _)| from));
+    let to = omega_to_rad_s.or(band.map(|(_, to)| to));
+    let omega = match (from, to) {
+        (Some(from), Some(to)) if from <= to => {
+            // One frequency repeated would be no grid.
+            frequency_grid((from, to), if from < to { points } else { 1 })
+        }
+        (Some(from), Some(to)) => {
+            return Err(Problem::new(Code::Invalid, "no frequencies", format!("{from} rad/s lies above {to} rad/s"))
+                .at("query parameter omega_from_rad_s")
+                .mend("Give a lowest frequency below the highest one.")
+                .into());
+        }
+        _ => Vec::new(),
+    };
+    let mut responses = off_thread(move || study_frequency_responses(&subjects, trial, &omega, &options)).await?;
+    responses.remarks.append(&mut gathered.remarks);
+    etag::conditional(&headers, &responses)
+}

@@ -1,0 +1,236 @@
+//! Gathers from the store what learning curves and mean controllers are made from.
+
+use super::extract::{FromQuery, QueryText, off_thread};
+use super::problem::ApiResult;
+use super::state::AppState;
+use crate::analysis::ids::{PlantId, StudyId, SubjectId};
+use crate::analysis::{Code, Kind, Problem};
+use crate::control::discretise::zero_order_hold;
+use crate::control::{Discrete, Model, System};
+use crate::learning::frequency_domain::ControllerMetrics;
+use crate::learning::inputs::{Identification, PlantName, Remark, SubjectInput, TrialInput};
+use crate::learning::{CurveOptions, time_domain::TimeDomainMetrics};
+use crate::store::{Page, Plant, StoreError, Subject, TrialFilter, TrialRecord, TrialReport};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use utoipa::IntoParams;
+use uuid::Uuid;
+
+/// Rows fetched at once.
+const PAGE: u32 = 500;
+
+/// Which trials, and how they are shown.
+#[derive(Debug, Clone, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct CurveQuery {
+    /// Only trials on this plant.
+    #[param(nullable = false)]
+    pub plant: Option<PlantId>,
+    /// Only trials of this session.
+    #[param(nullable = false, minimum = 0, maximum = 1000000000)]
+    pub session: Option<i64>,
+    /// Whether divergent trials are shown.
+    #[param(required = false, default = false)]
+    pub include_divergent: bool,
+    /// Show the subsystem identifications with this `spec_sha256`; without it, those with the spec that covers most trials.
+    #[param(nullable = false, pattern = "^[0-9a-f]{64}$")]
+    pub spec: Option<String>,
+    /// Values dropped at each end in trimmed statistics.
+    #[param(required = false, minimum = 0, maximum = 1000, default = 1)]
+    pub trim: usize,
+}
+
+impl FromQuery for CurveQuery {
+    fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
+        let spec = query.one_of("spec", "64 hexadecimal digits", |text| {
+            let is_hash = text.len() == 64 && text.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b));
+            is_hash.then(|| text.to_owned())
+        })?;
+        Ok(Self {
+            plant: query.id("plant")?,
+            session: query.integer("session", 0, super::trials::MAX_NUMBER)?,
+            include_divergent: query.flag("include_divergent")?,
+            spec,
+            trim: query.integer("trim", 0, 1000)?.map_or(CurveOptions::default().trim, |trim| trim as usize),
+        })
+    }
+}
+
+impl CurveQuery {
+    /// What `learning` is asked for.
+    pub(super) fn options(&self) -> CurveOptions {
+        CurveOptions {
+            include_divergent: self.include_divergent,
+            spec_sha256: self.spec.clone(),
+            trim: self.trim,
+            ..CurveOptions::default()
+        }
+    }
+}
+
+/// What was gathered.
+pub(super) struct Gathered {
+    pub subjects: Vec<SubjectInput>,
+    pub remarks: Vec<Remark>,
+}
+
+/// The trials of a study that the query asks for, with what was identified from them.
+pub(super) async fn gather(
+    state: &AppState,
+    study: StudyId,
+    subject: Option<Subject>,
+    group: Option<String>,
+    query: &CurveQuery,
+) -> ApiResult<Gathered> {
+    if let Some(id) = query.plant {
+        match state.store.plant(id).await {
+            Ok(plant) if plant.study == study => {}
+            Ok(_) | Err(StoreError::NotFound { .. }) => {
+                let detail = format!("the study has no plant {id}");
+                return Err(Problem::new(Code::NotFound, "no such plant", detail).at("query parameter plant").into());
+            }
+            Err(other) => return Err(other.into()),
+        }
+    }
+    let filter = TrialFilter {
+        group,
+        subject: subject.as_ref().map(|subject| subject.id),
+        plant: query.plant,
+        session: query.session,
+        // Left-out trials are counted and named, so they are fetched too.
+        include_divergent: true,
+        ..TrialFilter::default()
+    };
+    let trials = state.store.matching_trials(study, &filter).await?;
+    let ids: Vec<_> = trials.iter().map(|trial| trial.id).collect();
+    let reports = state.store.reports_of_trials(&ids, Kind::Ssid).await?;
+    let plants = all(|page| state.store.plants(study, page), |plant| plant.id.0).await?;
+    let subjects = match subject {
+        Some(subject) => vec![subject],
+        None => all(|page| state.store.subjects(study, filter.group.as_deref(), page), |subject| subject.id.0).await?,
+    };
+    let gathered = off_thread(move || assemble(subjects, plants, trials, reports)).await??;
+    if let Some(spec) = &query.spec {
+        let mut identified = gathered.subjects.iter().flat_map(|s| &s.trials).flat_map(|t| &t.identifications);
+        if !identified.any(|i| i.spec_sha256 == *spec) {
+            let detail = format!("none of the trials was identified with the spec {spec}");
+            return Err(Problem::new(Code::NotFound, "no such spec", detail)
+                .at("query parameter spec")
+                .mend("Give the spec_sha256 of a succeeded ssid analysis of these trials.")
+                .into());
+        }
+    }
+    Ok(gathered)
+}
+
+/// Every row of a list.
+async fn all<T, F>(mut page: impl FnMut(Page) -> F, id: impl Fn(&T) -> Uuid) -> Result<Vec<T>, StoreError>
+where
+    F: Future<Output = Result<Vec<T>, StoreError>>,
+{
+    let mut rows: Vec<T> = Vec::new();
+    loop {
+        let next = page(Page { after: rows.last().map(&id), limit: PAGE }).await?;
+        let last = next.len() < PAGE as usize;
+        rows.extend(next);
+        if last {
+            return Ok(rows);
+        }
+    }
+}
+
+fn assemble(
+    subjects: Vec<Subject>,
+    plants: Vec<Plant>,
+    trials: Vec<TrialRecord>,
+    reports: Vec<TrialReport>,
+) -> Result<Gathered, Problem> {
+    let plants: BTreeMap<PlantId, Plant> = plants.into_iter().map(|plant| (plant.id, plant)).collect();
+    let mut remarks = Vec::new();
+    let mut by_trial: BTreeMap<_, Vec<TrialReport>> = BTreeMap::new();
+    for report in reports {
+        by_trial.entry(report.trial).or_default().push(report);
+    }
+    let mut by_subject: BTreeMap<SubjectId, Vec<TrialInput>> = BTreeMap::new();
+    for trial in trials {
+        // A plant made after the list was read has no trial in it.
+        let Some(plant) = plants.get(&trial.plant) else { continue };
+        let mut identifications = Vec::new();
+        for report in by_trial.remove(&trial.id).unwrap_or_default() {
+            match identification(&report, &plant.model) {
+                Ok(found) => identifications.push(found),
+                Err(why) => remarks.push(Remark {
+                    code: "report_not_used".to_owned(),
+                    message: format!("the report of analysis {} is left out: {why}", report.analysis),
+                }),
+            }
+        }
+        let metrics: TimeDomainMetrics = serde_json::from_value(trial.metrics).map_err(|error| {
+            tracing::error!(trial = %trial.id, %error, "stored metrics cannot be read");
+            super::problem::internal()
+        })?;
+        by_subject.entry(trial.subject).or_default().push(TrialInput {
+            trial: trial.id.to_string(),
+            number: trial.number,
+            session: trial.session,
+            plant: PlantName { id: plant.id.to_string(), name: plant.name.clone() },
+            divergent: trial.divergent,
+            metrics,
+            identifications,
+        });
+    }
+    let subjects = subjects
+        .into_iter()
+        .map(|subject| SubjectInput {
+            trials: by_subject.remove(&subject.id).unwrap_or_default(),
+            subject: subject.id.to_string(),
+            code: subject.code,
+            group: subject.group,
+        })
+        .collect();
+    Ok(Gathered { subjects, remarks })
+}
+
+/// What a report of subsystem identification found.
+fn identification(report: &TrialReport, plant: &Model) -> Result<Identification, String> {
+    let result = &report.report.result;
+    let system = |field: &str| -> Result<System, String> {
+        let value = result.get(field).ok_or_else(|| format!("it has no {field}"))?;
+        let model: Model = serde_json::from_value(value.clone()).map_err(|error| format!("its {field}: {error}"))?;
+        model.check().map_err(|error| format!("its {field}: {error}"))
+    };
+    let feedforward = system("feedforward")?;
+    let feedback = system("feedback")?;
+    let plant = match result.get("plant") {
+        Some(_) => system("plant")?,
+        None => in_time_base(plant.check().map_err(|error| error.to_string())?, &feedback)?,
+    };
+    let metrics = match result.get("metrics") {
+        None | Some(Value::Null) => None,
+        Some(value) => Some(
+            serde_json::from_value::<ControllerMetrics>(value.clone())
+                .map_err(|error| format!("its metrics: {error}"))?,
+        ),
+    };
+    Ok(Identification {
+        analysis: report.analysis.to_string(),
+        spec_sha256: report.spec_sha256.clone(),
+        plant,
+        feedforward,
+        feedback,
+        metrics,
+        variance_accounted_for: result.get("variance_accounted_for").and_then(Value::as_f64),
+        cost: result.get("cost").and_then(Value::as_f64),
+    })
+}
+
+/// A continuous plant as the sampled controllers meet it, behind a zero-order hold.
+fn in_time_base(plant: System, controller: &System) -> Result<System, String> {
+    match (&plant, controller.sample_time_s()) {
+        (System::Continuous(continuous), Some(period)) => {
+            let time = Discrete::new(period).map_err(|error| error.to_string())?;
+            zero_order_hold(continuous, time).map(System::Discrete).map_err(|error| error.to_string())
+        }
+        _ => Ok(plant),
+    }
+}

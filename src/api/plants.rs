@@ -1,0 +1,210 @@
+//! Plants: what subjects control.
+
+use super::checks;
+use super::cursor::{List, PageQuery, Pager};
+use super::etag::{self, IfMatch, IfNoneMatch};
+use super::extract::{Id, Json, MergePatch, Params, from_value, present};
+use super::idempotency::{Idempotency, IdempotencyHeader, mark};
+use super::problem::ApiResult;
+use super::state::AppState;
+use super::studies::StudyPath;
+use super::{created, no_content};
+use crate::analysis::ids::{PlantId, StudyId};
+use crate::analysis::{Code, Problem};
+use crate::control::Model;
+use crate::store::{NewPlant, Plant};
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::Response;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use time::OffsetDateTime;
+use utoipa::{IntoParams, ToSchema};
+
+/// A plant. Its model never changes: results were computed with it.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Plant)]
+pub struct PlantView {
+    id: PlantId,
+    study: StudyId,
+    name: String,
+    model: Model,
+    /// Counts changes, from 1.
+    version: i64,
+    #[serde(with = "time::serde::rfc3339")]
+    created_at: OffsetDateTime,
+    #[serde(with = "time::serde::rfc3339")]
+    updated_at: OffsetDateTime,
+}
+
+impl From<Plant> for PlantView {
+    fn from(plant: Plant) -> Self {
+        let Plant { id, study, name, model, version, created_at, updated_at } = plant;
+        Self { id, study, name, model, version, created_at, updated_at }
+    }
+}
+
+/// A plant to be made.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = NewPlant, example = json!({"name": "gm", "model": {"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}}))]
+pub struct NewPlantBody {
+    /// Its name, unique within the study: not blank, without control characters.
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
+    name: String,
+    /// Its model: a transfer function with coefficients in descending powers, or state space matrices.
+    #[schema(value_type = Model)]
+    model: Value,
+}
+
+/// Changes to a plant.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = PlantPatch)]
+pub struct PlantPatchBody {
+    /// A new name.
+    #[serde(default, deserialize_with = "present")]
+    #[schema(
+        nullable = false,
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
+    name: Option<String>,
+}
+
+/// Names a plant in the path.
+#[derive(Debug, IntoParams)]
+#[into_params(parameter_in = Path)]
+#[allow(dead_code, reason = "documents the path")]
+pub struct PlantPath {
+    /// The plant.
+    plant: PlantId,
+}
+
+/// A model from JSON, checked.
+///
+/// # Errors
+/// `invalid` with the pointer of the field, for a value that is no model and for a model that is no system.
+pub fn model(value: &Value, pointer: &str) -> Result<Model, Problem> {
+    let Some(object) = value.as_object() else {
+        return Err(Problem::new(Code::Invalid, "no model", "the model is not an object").at(pointer).mend(FORMS));
+    };
+    let is_transfer_function = ["num", "den"].iter().any(|key| object.contains_key(*key));
+    let is_state_space = ["a", "b", "c", "d"].iter().any(|key| object.contains_key(*key));
+    let model = match (is_transfer_function, is_state_space) {
+        (true, false) => from_value(value, pointer).map(Model::TransferFunction),
+        (false, true) => from_value(value, pointer).map(Model::StateSpace),
+        (true, true) => {
+            Err(Problem::new(Code::Invalid, "no model", "it is a transfer function and a state space model at once")
+                .at(pointer))
+        }
+        (false, false) => {
+            Err(Problem::new(Code::Invalid, "no model", "it has neither num and den nor a, b, c, d").at(pointer))
+        }
+    }
+    .map_err(|problem| problem.mend(FORMS))?;
+    model
+        .shape()
+        .map_err(|error| Problem::new(Code::Invalid, "no usable model", error.to_string()).at(pointer).mend(FORMS))?;
+    Ok(model)
+}
+
+const FORMS: &str = "Give {\"num\", \"den\", \"sample_time_s\"} in descending powers, or row-major \
+                     {\"a\", \"b\", \"c\", \"d\", \"sample_time_s\"}; sample_time_s is null in continuous time.";
+
+/// Adds a plant to a study.
+#[utoipa::path(post, path = "/v1/studies/{study}/plants", tag = "plants", operation_id = "create_plant",
+    params(StudyPath, IdempotencyHeader), request_body = NewPlantBody,
+    responses((status = 201, description = "The new plant; Location names it.", body = PlantView)))]
+pub async fn create(
+    State(state): State<AppState>,
+    Id(study): Id<StudyId>,
+    Params(()): Params<()>,
+    idempotency: Idempotency,
+    body: Json<NewPlantBody>,
+) -> ApiResult<Response> {
+    let new = NewPlant { name: checks::name(&body.value.name, "/name")?, model: model(&body.value.model, "/model")? };
+    let made = state.store.create_plant(study, new, idempotency.key(&body.bytes).as_ref()).await?;
+    let view = PlantView::from(made.clone().into_inner());
+    let response = etag::tagged(StatusCode::CREATED, &view)?;
+    Ok(mark(created(response, format!("/v1/plants/{}", view.id)), &made))
+}
+
+/// Lists the plants of a study.
+#[utoipa::path(get, path = "/v1/studies/{study}/plants", tag = "plants", operation_id = "list_plants",
+    params(StudyPath, PageQuery, IfNoneMatch),
+    responses((status = 200, description = "A page of plants.", body = List<PlantView>)))]
+pub async fn list(
+    State(state): State<AppState>,
+    Id(study): Id<StudyId>,
+    uri: Uri,
+    headers: HeaderMap,
+    Params(page): Params<PageQuery>,
+) -> ApiResult<Response> {
+    let pager = Pager::new(&uri, page)?;
+    state.store.study(study).await?;
+    let rows = state.store.plants(study, pager.page()).await?;
+    pager.answer(&headers, rows, |plant| plant.id.0, PlantView::from)
+}
+
+/// Reads a plant.
+#[utoipa::path(get, path = "/v1/plants/{plant}", tag = "plants", operation_id = "read_plant",
+    params(PlantPath, IfNoneMatch), responses((status = 200, description = "The plant.", body = PlantView)))]
+pub async fn read(
+    State(state): State<AppState>,
+    Id(id): Id<PlantId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    etag::conditional(&headers, &PlantView::from(state.store.plant(id).await?))
+}
+
+/// Renames a plant. Its model cannot be changed; add another plant instead.
+#[utoipa::path(patch, path = "/v1/plants/{plant}", tag = "plants", operation_id = "change_plant",
+    params(PlantPath, IfMatch),
+    request_body(content((PlantPatchBody = "application/merge-patch+json"), (PlantPatchBody = "application/json"))),
+    responses((status = 200, description = "The plant as it is now.", body = PlantView)))]
+pub async fn patch(
+    State(state): State<AppState>,
+    Id(id): Id<PlantId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+    MergePatch(body): MergePatch<PlantPatchBody>,
+) -> ApiResult<Response> {
+    let name = body.name.map(|name| checks::name(&name, "/name")).transpose()?;
+    let if_match = insisted(&state, id, &headers).await?;
+    let plant = match name {
+        Some(name) => state.store.rename_plant(id, &name, if_match).await?,
+        None => state.store.plant(id).await?,
+    };
+    etag::tagged(StatusCode::OK, &PlantView::from(plant))
+}
+
+/// Deletes a plant; refused while trials were recorded on it.
+#[utoipa::path(delete, path = "/v1/plants/{plant}", tag = "plants", operation_id = "delete_plant",
+    params(PlantPath, IfMatch), responses((status = 204, description = "It is gone."),
+        (status = 409, description = "Trials were recorded on it.")))]
+pub async fn delete(
+    State(state): State<AppState>,
+    Id(id): Id<PlantId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let if_match = insisted(&state, id, &headers).await?;
+    state.store.delete_plant(id, if_match).await?;
+    Ok(no_content())
+}
+
+async fn insisted(state: &AppState, id: PlantId, headers: &HeaderMap) -> ApiResult<Option<i64>> {
+    if !etag::is_conditional(headers) {
+        return Ok(None);
+    }
+    let plant = state.store.plant(id).await?;
+    let version = plant.version;
+    etag::insist(headers, &PlantView::from(plant), version)
+}

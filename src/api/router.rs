@@ -1,0 +1,156 @@
+//! Routes, layers, and the OpenAPI document that both come from.
+
+use super::fence::fence;
+use super::problem::{HttpProblem, PROBLEM_JSON};
+use super::state::AppState;
+use super::{
+    analyses, docs, events, frequency_responses, learning_curves, ops, plants, signals, studies, study_analyses,
+    subjects, trials, upload,
+};
+use axum::Router;
+use utoipa::openapi::header::HeaderBuilder;
+use utoipa::openapi::path::{Operation, ParameterIn};
+use utoipa::openapi::schema::{Schema, Type};
+use utoipa::openapi::{ContentBuilder, ObjectBuilder, OpenApi, Ref, RefOr, Response};
+use utoipa::{OpenApi as _, ToSchema};
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+#[derive(utoipa::OpenApi)]
+#[openapi(
+    info(
+        title = "Volition",
+        description = "Identifies the control law behind recorded human motion: trials in, subsystem identification and \
+            learning curves out.\n\nConventions: JSON in snake_case with units in names; transfer functions `{num, den, \
+            sample_time_s}` in descending powers; complex numbers `[re, im]`; ids are UUIDs (version 7); times RFC 3339 \
+            UTC; lists in pages by cursor; every problem is `application/problem+json` with a stable `code`, the place \
+            (`where`) and advice (`mend`)."
+    ),
+    components(schemas(HttpProblem)),
+    tags(
+        (name = "studies", description = "The frame of everything else."),
+        (name = "plants", description = "What subjects control."),
+        (name = "subjects", description = "Who controls it, by pseudonym."),
+        (name = "trials", description = "Recordings: command r, control u, output y, disturbance d."),
+        (name = "analyses", description = "Everything that takes longer than a request."),
+        (name = "learning", description = "What trials say about learning."),
+        (name = "operations", description = "For whoever runs the server."),
+    )
+)]
+struct Document;
+
+fn routes() -> OpenApiRouter<AppState> {
+    OpenApiRouter::with_openapi(Document::openapi())
+        .routes(routes!(studies::create, studies::list))
+        .routes(routes!(studies::read, studies::patch, studies::delete))
+        .routes(routes!(plants::create, plants::list))
+        .routes(routes!(plants::read, plants::patch, plants::delete))
+        .routes(routes!(subjects::create, subjects::list))
+        .routes(routes!(subjects::read, subjects::patch, subjects::delete))
+        .routes(routes!(upload::upload, trials::list))
+        .routes(routes!(trials::read, trials::patch, trials::delete))
+        .routes(routes!(signals::read))
+        .routes(routes!(analyses::create, analyses::list))
+        .routes(routes!(study_analyses::create))
+        .routes(routes!(analyses::read, analyses::delete))
+        .routes(routes!(analyses::report))
+        .routes(routes!(analyses::cancel))
+        .routes(routes!(events::follow))
+        .routes(routes!(learning_curves::of_subject))
+        .routes(routes!(learning_curves::of_study))
+        .routes(routes!(frequency_responses::of_study))
+        .routes(routes!(ops::healthz))
+        .routes(routes!(ops::readyz))
+        .routes(routes!(ops::metrics))
+        .routes(routes!(docs::read))
+}
+
+/// The whole service.
+pub fn router(state: AppState) -> Router {
+    let (router, _) = routes().split_for_parts();
+    router.merge(docs::pages()).layer(axum::middleware::from_fn_with_state(state.clone(), fence)).with_state(state)
+}
+
+/// The OpenAPI document.
+#[must_use]
+pub fn openapi() -> OpenApi {
+    let (_, mut document) = routes().split_for_parts();
+    for item in document.paths.paths.values_mut() {
+        let operations = [&mut item.get, &mut item.post, &mut item.patch, &mut item.delete];
+        for operation in operations.into_iter().flatten() {
+            complete(operation);
+        }
+    }
+    document
+}
+
+/// Adds what all operations of a sort have in common: the problems of the layers around the handlers, and headers.
+fn complete(operation: &mut Operation) {
+    let parameters = operation.parameters.iter().flatten();
+    let (mut in_path, mut if_match, mut if_none_match, mut creates) = (false, false, false, false);
+    for parameter in parameters {
+        let RefOr::T(parameter) = parameter else { continue };
+        in_path |= parameter.parameter_in == ParameterIn::Path;
+        if_match |= parameter.name == "If-Match";
+        if_none_match |= parameter.name == "If-None-Match";
+        creates |= parameter.name == "Idempotency-Key";
+    }
+    let has_body = operation.request_body.is_some();
+    let responses = &mut operation.responses.responses;
+    let mut problems = vec![
+        ("400", "Something in the request cannot be read: the path, the query, a header or the body."),
+        ("421", "The Host or Origin header names another machine."),
+        ("500", "The server failed."),
+        ("503", "The server is too busy, or took too long."),
+    ];
+    if in_path {
+        problems.push(("404", "There is no such thing."));
+    }
+    if creates {
+        problems.push(("409", "It contradicts something that is stored."));
+    }
+    if if_match {
+        problems.push(("412", "It changed since it was read."));
+    }
+    if has_body {
+        problems.extend([
+            ("408", "The body stalled."),
+            ("413", "The body is too large."),
+            ("415", "The body is of another media type or encoding."),
+            ("422", "The body can be read, but says something that cannot be done."),
+        ]);
+    }
+    for (status, description) in problems {
+        responses.entry(status.to_owned()).or_insert_with(|| RefOr::T(Response::new(description)));
+    }
+    if if_none_match {
+        responses
+            .entry("304".to_owned())
+            .or_insert_with(|| RefOr::T(Response::new("Nothing has changed since the ETag that the client has.")));
+    }
+    for (status, response) in responses.iter_mut() {
+        let RefOr::T(response) = response else { continue };
+        let header = |description: &str| {
+            RefOr::T(HeaderBuilder::new().schema(Some(text())).description(Some(description)).build())
+        };
+        response.headers.insert("X-Request-Id".to_owned(), header("The request's id, as in the server's log."));
+        match status.as_str() {
+            "200" | "304" if if_none_match => {
+                response.headers.insert("ETag".to_owned(), header("Names this state, for conditional requests."));
+            }
+            "200" if if_match => {
+                response.headers.insert("ETag".to_owned(), header("Names the new state, for conditional requests."));
+            }
+            _ => {}
+        }
+        if status.starts_with(['4', '5']) {
+            response.content.clear();
+            let content = ContentBuilder::new().schema(Some(Ref::from_schema_name(HttpProblem::name()))).build();
+            response.content.insert(PROBLEM_JSON.to_owned(), RefOr::T(content));
+        }
+    }
+}
+
+fn text() -> Schema {
+    ObjectBuilder::new().schema_type(Type::String).into()
+}

@@ -1,0 +1,203 @@
+//! A trial's recording, bit for bit as it was uploaded.
+
+use super::etag::{ETag, IfNoneMatch, is_known, not_modified};
+use super::extract::{Id, Params, header_text};
+use super::problem::ApiResult;
+use super::state::AppState;
+use super::trials::TrialPath;
+use crate::analysis::ids::TrialId;
+use crate::analysis::{Code, Problem};
+use crate::trial::{Trial, write};
+use axum::body::{Body, Bytes};
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use std::io::{self, BufWriter, Write};
+use tokio::sync::mpsc;
+use utoipa::{IntoParams, ToSchema};
+
+/// Bytes written at once.
+const CHUNK: usize = 64 << 10;
+
+/// Chunks that wait for a slow client at most.
+const CHUNKS_AHEAD: usize = 8;
+
+/// The header that carries the sample time beside a CSV file.
+pub const SAMPLE_TIME: HeaderName = HeaderName::from_static("volition-sample-time-s");
+
+/// Columns of equal length.
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = Signals)]
+#[allow(dead_code, reason = "documents what is streamed")]
+pub struct SignalsDocument {
+    /// Time between samples, in seconds.
+    sample_time_s: f64,
+    /// Time in seconds, where it was recorded.
+    #[schema(nullable = false)]
+    t: Option<Vec<f64>>,
+    /// Command.
+    r: Vec<f64>,
+    /// Control.
+    u: Vec<f64>,
+    /// Output.
+    y: Vec<f64>,
+    /// Disturbance at the plant's input, where it was recorded.
+    #[schema(nullable = false)]
+    d: Option<Vec<f64>>,
+}
+
+/// How signals are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Csv,
+    Json,
+}
+
+/// Header that chooses between CSV and JSON.
+#[derive(Debug, IntoParams)]
+#[into_params(parameter_in = Header)]
+#[allow(dead_code, reason = "documents a header that is read from the header map")]
+pub struct AcceptSignals {
+    /// `text/csv` (the default) or `application/json`, with quality values as in RFC 9110.
+    #[param(rename = "Accept", required = false, nullable = false, value_type = Option<String>, example = "text/csv")]
+    accept: Option<String>,
+}
+
+/// The format that the client likes best.
+fn negotiate(headers: &HeaderMap) -> Result<Format, Problem> {
+    let values: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
+    let accept = values.join(",");
+    if accept.trim().is_empty() {
+        return Ok(Format::Csv);
+    }
+    // Quality of the most specific range that matches, per format (RFC 9110, section 12.5.1).
+    let quality = |kind: &str, whole: &str| {
+        let mut best: Option<(u8, f64)> = None;
+        for range in accept.split(',') {
+            let mut parts = range.split(';').map(str::trim);
+            let media = parts.next().unwrap_or_default().to_ascii_lowercase();
+            let specificity = match media.as_str() {
+                media if media == whole => 2,
+                media if media == kind => 1,
+                "*/*" => 0,
+                _ => continue,
+            };
+            let q = parts.find_map(|p| p.strip_prefix("q=")?.parse::<f64>().ok()).unwrap_or(1.0);
+            if best.is_none_or(|(s, _)| specificity >= s) {
+                best = Some((specificity, q));
+            }
+        }
+        best.map_or(0.0, |(_, q)| q)
+    };
+    let csv = quality("text/*", "text/csv");
+    let json = quality("application/*", "application/json");
+    match (csv, json) {
+        (csv, json) if csv <= 0.0 && json <= 0.0 => Err(Problem::new(
+            Code::NotAcceptable,
+            "not acceptable",
+            format!("signals cannot be written as '{}'", header_text(headers, &header::ACCEPT)),
+        )
+        .at("header Accept")
+        .mend("Accept text/csv or application/json.")),
+        (csv, json) if json > csv => Ok(Format::Json),
+        _ => Ok(Format::Csv),
+    }
+}
+
+/// Downloads the recording, bit for bit as uploaded: every number reads back as the same double.
+#[utoipa::path(get, path = "/v1/trials/{trial}/signals", tag = "trials", operation_id = "read_signals",
+    params(TrialPath, AcceptSignals, IfNoneMatch),
+    responses(
+        (status = 200, description = "The recorded columns. As CSV, the header Volition-Sample-Time-S carries the sample time.",
+            content((String = "text/csv", example = "t,r,u,y\r\n0.0,0.0,0.0,0.0\r\n"), (SignalsDocument = "application/json"))),
+        (status = 406, description = "Neither text/csv nor application/json is acceptable.")))]
+pub async fn read(
+    State(state): State<AppState>,
+    Id(id): Id<TrialId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let format = negotiate(&headers)?;
+    let record = state.store.trial(id).await?;
+    let (suffix, media) = match format {
+        Format::Csv => ("csv", "text/csv; charset=utf-8; header=present"),
+        Format::Json => ("json", "application/json"),
+    };
+    // The recording never changes, and these bytes are a function of it.
+    let tag = ETag::of_name(&format!("{}-{suffix}", &record.sha256));
+    if is_known(&headers, &tag) {
+        return Ok(not_modified(&tag));
+    }
+    let trial = state.store.trial_signals(id).await?;
+    let name = format!("attachment; filename=\"{id}.{suffix}\"");
+    let response_headers = [
+        (header::CONTENT_TYPE, HeaderValue::from_static(media)),
+        (header::ETAG, tag.value()),
+        (header::CACHE_CONTROL, super::etag::NO_CACHE),
+        (header::VARY, HeaderValue::from_static("accept")),
+        (
+            SAMPLE_TIME,
+            HeaderValue::from_str(&format!("{:?}", trial.sample_time_s)).unwrap_or(HeaderValue::from_static("")),
+        ),
+        (header::CONTENT_DISPOSITION, HeaderValue::from_str(&name).unwrap_or(HeaderValue::from_static("attachment"))),
+    ];
+    Ok((response_headers, stream(trial, format)).into_response())
+}
+
+/// The text, written on a blocking thread as fast as the client takes it.
+fn stream(trial: Trial, format: Format) -> Body {
+    let (sender, mut receiver) = mpsc::channel::<io::Result<Bytes>>(CHUNKS_AHEAD);
+    tokio::task::spawn_blocking(move || {
+        let mut out = BufWriter::with_capacity(CHUNK, Sender(sender));
+        let written = match format {
+            Format::Csv => write::csv(&trial, &mut out),
+            Format::Json => write::json(&trial, &mut out),
+        };
+        // The only error is that the client went away.
+        let _ = written.and_then(|()| out.flush());
+    });
+    Body::from_stream(async_stream::stream! {
+        while let Some(chunk) = receiver.recv().await {
+            yield chunk;
+        }
+    })
+}
+
+struct Sender(mpsc::Sender<io::Result<Bytes>>);
+
+impl Write for Sender {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let chunk = Bytes::copy_from_slice(bytes);
+        self.0.blocking_send(Ok(chunk)).map_err(|_| io::ErrorKind::BrokenPipe)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_best_acceptable_format_is_chosen() {
+        let choose =
+            |accept: &str| negotiate(&HeaderMap::from_iter([(header::ACCEPT, HeaderValue::from_str(accept).unwrap())]));
+        assert_eq!(negotiate(&HeaderMap::new()).unwrap(), Format::Csv);
+        for csv in
+            ["", "*/*", "text/*", "text/csv", "application/json;q=0.5, text/csv", "TEXT/CSV", "text/html, */*;q=0.1"]
+        {
+            assert_eq!(choose(csv).unwrap(), Format::Csv, "{csv}");
+        }
+        for json in ["application/json", "application/*", "text/csv;q=0.2,*/*;q=0.3", "application/json, text/csv;q=0"]
+        {
+            assert_eq!(choose(json).unwrap(), Format::Json, "{json}");
+        }
+        for bad in ["text/html", "*/*;q=0", "text/csv;q=0", "image/png, application/xml", "nonsense"] {
+            assert_eq!(choose(bad).unwrap_err().code, Code::NotAcceptable, "{bad}");
+        }
+    }
+}

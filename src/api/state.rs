@@ -1,0 +1,115 @@
+//! What every handler shares.
+
+use super::ops::HttpTelemetry;
+use crate::store::Store;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::{Mutex, Semaphore};
+use tokio_util::sync::CancellationToken;
+
+/// How much one request may ask of the server.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Bytes of a request body as it comes over the wire.
+    pub max_body_bytes: usize,
+    /// Bytes that a compressed body, or all compressed files of one upload, may unpack to.
+    pub max_decompressed_bytes: u64,
+    /// Rows (samples) of one trial.
+    pub max_rows: usize,
+    /// Files in one multipart upload.
+    pub max_multipart_files: usize,
+    /// Analyses that one bulk request may queue.
+    pub max_bulk_analyses: usize,
+    /// Bytes read from a client that keeps sending after it was answered, before the connection is closed.
+    pub max_drained_bytes: u64,
+    /// How long such a client is read for.
+    pub max_drain_time: Duration,
+    /// How long a client may pause within a body.
+    pub body_stall: Duration,
+    /// How long a request may take in all; event streams excepted.
+    pub request_timeout: Duration,
+    /// Uploads that are read and parsed at the same time; others wait. Bounds the memory taken.
+    pub concurrent_uploads: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            max_body_bytes: 64 << 20,
+            max_decompressed_bytes: 512 << 20,
+            max_rows: 2_000_000,
+            max_multipart_files: 500,
+            max_bulk_analyses: 20_000,
+            max_drained_bytes: 2 << 30,
+            max_drain_time: Duration::from_secs(30),
+            body_stall: Duration::from_secs(30),
+            request_timeout: Duration::from_secs(120),
+            concurrent_uploads: 3,
+        }
+    }
+}
+
+/// Which `Host` and `Origin` headers are served.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Hosts {
+    /// Any.
+    Any,
+    /// Only names of the loopback interface: a web page that makes its own name point to 127.0.0.1 (DNS rebinding), or
+    /// posts a form across origins, is refused.
+    Loopback,
+}
+
+/// What every handler shares; cheap to clone.
+#[derive(Debug, Clone)]
+pub struct AppState {
+    /// Where everything is kept.
+    pub store: Store,
+    /// How much one request may ask.
+    pub limits: Limits,
+    /// Which hosts are served.
+    pub hosts: Hosts,
+    /// Cancelled when the server begins to drain: event streams end, so that connections can close.
+    pub shutdown: CancellationToken,
+    pub(super) uploads: Arc<Semaphore>,
+    /// Held while free numbers are looked up and taken, so that uploads at the same time do not chase one another.
+    pub(super) numbering: Arc<Mutex<()>>,
+    pub(super) telemetry: Arc<HttpTelemetry>,
+}
+
+impl AppState {
+    /// State over a store, with default limits and loopback hosts only.
+    #[must_use]
+    pub fn new(store: Store) -> Self {
+        Self {
+            store,
+            limits: Limits::default(),
+            hosts: Hosts::Loopback,
+            shutdown: CancellationToken::new(),
+            uploads: Arc::new(Semaphore::new(Limits::default().concurrent_uploads)),
+            numbering: Arc::default(),
+            telemetry: Arc::default(),
+        }
+    }
+
+    /// With other limits.
+    #[must_use]
+    pub fn with_limits(mut self, limits: Limits) -> Self {
+        self.limits = limits;
+        self.uploads = Arc::new(Semaphore::new(limits.concurrent_uploads.max(1)));
+        self
+    }
+
+    /// With other hosts served.
+    #[must_use]
+    pub fn with_hosts(mut self, hosts: Hosts) -> Self {
+        self.hosts = hosts;
+        self
+    }
+
+    /// With a token that says when the server drains.
+    #[must_use]
+    pub fn with_shutdown(mut self, shutdown: CancellationToken) -> Self {
+        self.shutdown = shutdown;
+        self
+    }
+}

@@ -1,0 +1,197 @@
+//! Studies.
+
+use super::checks;
+use super::cursor::{List, PageQuery, Pager};
+use super::etag::{self, IfMatch, IfNoneMatch};
+use super::extract::{Id, Json, MergePatch, Params, or_default, present};
+use super::idempotency::{Idempotency, IdempotencyHeader, mark};
+use super::problem::ApiResult;
+use super::state::AppState;
+use super::{created, no_content};
+use crate::analysis::ids::StudyId;
+use crate::store::{Created, NewStudy, Study, StudyPatch};
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::Response;
+use serde::{Deserialize, Serialize};
+use time::OffsetDateTime;
+use utoipa::{IntoParams, ToSchema};
+
+/// A study, the frame of everything else.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Study)]
+pub struct StudyView {
+    id: StudyId,
+    name: String,
+    description: String,
+    /// A trial whose |y| passes this is divergent; null where there is no limit.
+    #[schema(required = true)]
+    display_limit: Option<f64>,
+    /// Counts changes, from 1.
+    version: i64,
+    #[serde(with = "time::serde::rfc3339")]
+    created_at: OffsetDateTime,
+    #[serde(with = "time::serde::rfc3339")]
+    updated_at: OffsetDateTime,
+}
+
+impl From<Study> for StudyView {
+    fn from(study: Study) -> Self {
+        let Study { id, name, description, display_limit, version, created_at, updated_at } = study;
+        Self { id, name, description, display_limit, version, created_at, updated_at }
+    }
+}
+
+/// A study to be made.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = NewStudy, example = json!({"name": "gm and gn", "display_limit": 5.0}))]
+pub struct NewStudyBody {
+    /// Its name: not blank, without control characters.
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
+    name: String,
+    /// What it is about.
+    #[serde(default, deserialize_with = "or_default")]
+    #[schema(max_length = 20000, pattern = r"^[^\x00]*$")]
+    description: String,
+    /// A trial whose |y| passes this is divergent. Null or absent: there is no limit.
+    #[serde(default)]
+    #[schema(exclusive_minimum = 0)]
+    display_limit: Option<f64>,
+}
+
+/// Changes to a study; what is left out stays as it is.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = StudyPatch, example = json!({"display_limit": null}))]
+pub struct StudyPatchBody {
+    /// A new name.
+    #[serde(default, deserialize_with = "present")]
+    #[schema(
+        nullable = false,
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
+    name: Option<String>,
+    /// A new description.
+    #[serde(default, deserialize_with = "present")]
+    #[schema(nullable = false, max_length = 20000, pattern = r"^[^\x00]*$")]
+    description: Option<String>,
+    /// A new limit; null removes it. Which trials are divergent follows at once.
+    #[serde(default, deserialize_with = "present")]
+    #[schema(value_type = Option<f64>, exclusive_minimum = 0)]
+    display_limit: Option<Option<f64>>,
+}
+
+/// Names a study in the path.
+#[derive(Debug, IntoParams)]
+#[into_params(parameter_in = Path)]
+#[allow(dead_code, reason = "documents the path")]
+pub struct StudyPath {
+    /// The study.
+    study: StudyId,
+}
+
+/// Makes a study.
+#[utoipa::path(post, path = "/v1/studies", tag = "studies", operation_id = "create_study",
+    params(IdempotencyHeader), request_body = NewStudyBody,
+    responses((status = 201, description = "The new study; Location names it.", body = StudyView)))]
+pub async fn create(
+    State(state): State<AppState>,
+    Params(()): Params<()>,
+    idempotency: Idempotency,
+    body: Json<NewStudyBody>,
+) -> ApiResult<Response> {
+    let new = NewStudy {
+        name: checks::name(&body.value.name, "/name")?,
+        description: checks::description(&body.value.description, "/description")?,
+        display_limit: body.value.display_limit.map(|l| checks::display_limit(l, "/display_limit")).transpose()?,
+    };
+    let made = state.store.create_study(new, idempotency.key(&body.bytes).as_ref()).await?;
+    answer(made)
+}
+
+fn answer(made: Created<Study>) -> ApiResult<Response> {
+    let view = StudyView::from(made.clone().into_inner());
+    let response = etag::tagged(StatusCode::CREATED, &view)?;
+    Ok(mark(created(response, format!("/v1/studies/{}", view.id)), &made))
+}
+
+/// Lists studies.
+#[utoipa::path(get, path = "/v1/studies", tag = "studies", operation_id = "list_studies", params(PageQuery, IfNoneMatch),
+    responses((status = 200, description = "A page of studies.", body = List<StudyView>)))]
+pub async fn list(
+    State(state): State<AppState>,
+    uri: Uri,
+    headers: HeaderMap,
+    Params(page): Params<PageQuery>,
+) -> ApiResult<Response> {
+    let pager = Pager::new(&uri, page)?;
+    let rows = state.store.studies(pager.page()).await?;
+    pager.answer(&headers, rows, |study| study.id.0, StudyView::from)
+}
+
+/// Reads a study.
+#[utoipa::path(get, path = "/v1/studies/{study}", tag = "studies", operation_id = "read_study",
+    params(StudyPath, IfNoneMatch), responses((status = 200, description = "The study.", body = StudyView)))]
+pub async fn read(
+    State(state): State<AppState>,
+    Id(id): Id<StudyId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    etag::conditional(&headers, &StudyView::from(state.store.study(id).await?))
+}
+
+/// Changes a study.
+#[utoipa::path(patch, path = "/v1/studies/{study}", tag = "studies", operation_id = "change_study",
+    params(StudyPath, IfMatch),
+    request_body(content((StudyPatchBody = "application/merge-patch+json"), (StudyPatchBody = "application/json"))),
+    responses((status = 200, description = "The study as it is now.", body = StudyView)))]
+pub async fn patch(
+    State(state): State<AppState>,
+    Id(id): Id<StudyId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+    MergePatch(body): MergePatch<StudyPatchBody>,
+) -> ApiResult<Response> {
+    let patch = StudyPatch {
+        name: body.name.map(|name| checks::name(&name, "/name")).transpose()?,
+        description: body.description.map(|text| checks::description(&text, "/description")).transpose()?,
+        display_limit: match body.display_limit {
+            Some(Some(limit)) => Some(Some(checks::display_limit(limit, "/display_limit")?)),
+            other => other,
+        },
+    };
+    let if_match = insisted(&state, id, &headers).await?;
+    let study = state.store.patch_study(id, patch, if_match).await?;
+    etag::tagged(StatusCode::OK, &StudyView::from(study))
+}
+
+/// Deletes a study with its plants, subjects, trials and analyses, and overwrites what they held.
+#[utoipa::path(delete, path = "/v1/studies/{study}", tag = "studies", operation_id = "delete_study",
+    params(StudyPath, IfMatch), responses((status = 204, description = "It is gone.")))]
+pub async fn delete(
+    State(state): State<AppState>,
+    Id(id): Id<StudyId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let if_match = insisted(&state, id, &headers).await?;
+    state.store.delete_study(id, if_match).await?;
+    Ok(no_content())
+}
+
+async fn insisted(state: &AppState, id: StudyId, headers: &HeaderMap) -> ApiResult<Option<i64>> {
+    if !etag::is_conditional(headers) {
+        return Ok(None);
+    }
+    let study = state.store.study(id).await?;
+    let version = study.version;
+    etag::insist(headers, &StudyView::from(study), version)
+}

@@ -1,0 +1,191 @@
+//! One analysis for each trial of a study that matches a filter.
+
+use super::analyses::{Checked, check};
+use super::checks::MAX_NAME;
+use super::extract::{Id, Json, Params, off_thread};
+use super::idempotency::{Idempotency, IdempotencyHeader};
+use super::problem::ApiResult;
+use super::state::AppState;
+use super::studies::StudyPath;
+use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
+use crate::analysis::{Code, Kind, Problem, Request};
+use crate::store::{TrialFilter, TrialRecord};
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use utoipa::ToSchema;
+
+/// What to compute, and of which trials.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"kind": "ssid", "spec": {"pool": "zhang2015_appendix_b"}, "filter": {"group": "gm"}}))]
+pub struct BulkRequest {
+    /// The kind; one that takes a single trial as its input.
+    #[schema(value_type = Kind)]
+    kind: String,
+    /// How it is computed, for every trial alike.
+    #[serde(default = "empty")]
+    #[schema(value_type = Object)]
+    spec: Value,
+    /// Which trials; without it, all of the study.
+    #[serde(default)]
+    filter: BulkFilter,
+}
+
+fn empty() -> Value {
+    json!({})
+}
+
+/// Which trials of a study: those for which everything given holds.
+#[derive(Debug, Clone, Default, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct BulkFilter {
+    /// Of subjects of this group.
+    #[schema(max_length = 200)]
+    group: Option<String>,
+    /// Of this subject.
+    subject: Option<SubjectId>,
+    /// On this plant.
+    plant: Option<PlantId>,
+    /// In this session.
+    session: Option<i64>,
+    /// With this number or a greater one.
+    number_from: Option<i64>,
+    /// With this number or a smaller one.
+    number_to: Option<i64>,
+    /// Divergent trials too; they are skipped otherwise.
+    include_divergent: bool,
+}
+
+/// What was queued.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct BulkAnswer {
+    /// How many analyses were queued.
+    created: usize,
+    /// They, in the order of the trials.
+    analyses: Vec<BulkAnalysis>,
+    /// Trials that match but for a reason named.
+    skipped: Vec<Skipped>,
+}
+
+/// An analysis that was queued.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct BulkAnalysis {
+    /// The analysis.
+    id: AnalysisId,
+    /// Its trial.
+    trial: TrialId,
+}
+
+/// A trial that no analysis was queued for.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Skipped {
+    /// The trial.
+    trial: TrialId,
+    /// Why.
+    reason: String,
+}
+
+/// Queues one analysis for each trial of the study that matches the filter; all of them or none.
+#[utoipa::path(post, path = "/v1/studies/{study}/analyses", tag = "analyses", operation_id = "create_study_analyses",
+    params(StudyPath, IdempotencyHeader), request_body = BulkRequest,
+    responses((status = 202, description = "Queued.", body = BulkAnswer)))]
+pub async fn create(
+    State(state): State<AppState>,
+    Id(study): Id<StudyId>,
+    Params(()): Params<()>,
+    idempotency: Idempotency,
+    body: Json<BulkRequest>,
+) -> ApiResult<Response> {
+    let key = idempotency.key(&body.bytes);
+    let BulkRequest { kind, spec, filter } = body.value;
+    kind.parse::<Kind>()?;
+    state.store.study(study).await?;
+    let include_divergent = filter.include_divergent;
+    let filter = checked(&state, study, filter).await?;
+    let (skipped, trials): (Vec<TrialRecord>, Vec<TrialRecord>) = state
+        .store
+        .matching_trials(study, &filter)
+        .await?
+        .into_iter()
+        .partition(|trial| trial.divergent && !include_divergent);
+    let limit = state.limits.max_bulk_analyses;
+    if trials.len() > limit {
+        return Err(Problem::new(
+            Code::Unaffordable,
+            "too many analyses at once",
+            format!("{} trials match, and {limit} analyses are queued at most", trials.len()),
+        )
+        .at("/filter")
+        .mend("Narrow the filter.")
+        .into());
+    }
+    let ids: Vec<TrialId> = trials.iter().map(|trial| trial.id).collect();
+    let new = off_thread(move || {
+        let request = |inputs| Request { kind: kind.clone(), inputs, spec: spec.clone() };
+        if ids.is_empty() {
+            // The spec is checked even where there is nothing to compute.
+            check(&request(json!({"trial": TrialId(uuid::Uuid::nil())})))?;
+        }
+        ids.into_iter()
+            .map(|trial| {
+                let Checked { new } = check(&request(json!({"trial": trial})))?;
+                Ok((trial, crate::store::NewAnalysis { study: Some(study), ..new }))
+            })
+            .collect::<Result<Vec<_>, Problem>>()
+    })
+    .await??;
+    let (of_trials, new): (Vec<TrialId>, Vec<_>) = new.into_iter().unzip();
+    let made = state.store.create_analyses(new, key.as_ref()).await?;
+    let analyses: Vec<BulkAnalysis> = made
+        .iter()
+        .zip(&of_trials)
+        .map(|(record, trial)| {
+            let named = record.request.inputs.get("trial").and_then(|id| id.as_str()?.parse().ok());
+            BulkAnalysis { id: record.id, trial: named.unwrap_or(*trial) }
+        })
+        .collect();
+    let skipped = skipped
+        .into_iter()
+        .map(|trial| Skipped {
+            trial: trial.id,
+            reason: format!("divergent: |y| reaches {}, beyond the study's display limit", trial.max_abs_output),
+        })
+        .collect();
+    super::etag::tagged(StatusCode::ACCEPTED, &BulkAnswer { created: analyses.len(), analyses, skipped })
+}
+
+/// The filter for the store, which must name things of this study; divergent trials come along, to be named as skipped.
+async fn checked(state: &AppState, study: StudyId, filter: BulkFilter) -> ApiResult<TrialFilter> {
+    let bad = |field: &str, why: String| Problem::new(Code::Invalid, "bad filter", why).at(format!("/filter/{field}"));
+    let BulkFilter { group, subject, plant, session, number_from, number_to, include_divergent: _ } = filter;
+    if group.as_ref().is_some_and(|group| group.chars().count() > MAX_NAME) {
+        return Err(bad("group", format!("no group has more than {MAX_NAME} characters")).into());
+    }
+    if let Some(id) = subject {
+        match state.store.subject(id).await {
+            Ok(subject) if subject.study == study => {}
+            Ok(_) | Err(crate::store::StoreError::NotFound { .. }) => {
+                return Err(bad("subject", format!("the study has no subject {id}")).into());
+            }
+            Err(other) => return Err(other.into()),
+        }
+    }
+    if let Some(id) = plant {
+        match state.store.plant(id).await {
+            Ok(plant) if plant.study == study => {}
+            Ok(_) | Err(crate::store::StoreError::NotFound { .. }) => {
+                return Err(bad("plant", format!("the study has no plant {id}")).into());
+            }
+            Err(other) => return Err(other.into()),
+        }
+    }
+    if let (Some(from), Some(to)) = (number_from, number_to)
+        && from > to
+    {
+        return Err(bad("number_to", format!("it is {to}, and number_from is {from}")).into());
+    }
+    Ok(TrialFilter { group, subject, plant, session, number_from, number_to, include_divergent: true })
+}

@@ -1,0 +1,233 @@
+//! Subjects, by pseudonym.
+
+use super::checks;
+use super::cursor::{List, PageQuery, Pager};
+use super::etag::{self, IfMatch, IfNoneMatch};
+use super::extract::{FromQuery, Id, Json, MergePatch, Params, QueryText, or_default, present};
+use super::idempotency::{Idempotency, IdempotencyHeader, mark};
+use super::problem::ApiResult;
+use super::state::AppState;
+use super::studies::StudyPath;
+use super::{created, no_content};
+use crate::analysis::Problem;
+use crate::analysis::ids::{StudyId, SubjectId};
+use crate::store::{NewSubject, Subject, SubjectPatch};
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::Response;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use time::OffsetDateTime;
+use utoipa::{IntoParams, ToSchema};
+
+/// A subject.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Subject)]
+pub struct SubjectView {
+    id: SubjectId,
+    study: StudyId,
+    /// Pseudonym, unique within the study.
+    code: String,
+    /// Group, where the subject is in one.
+    #[schema(required = true)]
+    group: Option<String>,
+    /// Free attributes.
+    #[schema(value_type = Object)]
+    attributes: Value,
+    /// Counts changes, from 1.
+    version: i64,
+    #[serde(with = "time::serde::rfc3339")]
+    created_at: OffsetDateTime,
+    #[serde(with = "time::serde::rfc3339")]
+    updated_at: OffsetDateTime,
+}
+
+impl From<Subject> for SubjectView {
+    fn from(subject: Subject) -> Self {
+        let Subject { id, study, code, group, attributes, version, created_at, updated_at } = subject;
+        Self { id, study, code, group, attributes, version, created_at, updated_at }
+    }
+}
+
+/// A subject to be made.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = NewSubject, example = json!({"code": "s07", "group": "gm", "attributes": {"handedness": "right"}}))]
+pub struct NewSubjectBody {
+    /// Pseudonym, unique within the study: not blank, without control characters. No names of people.
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
+    code: String,
+    /// Group.
+    #[serde(default)]
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
+    group: Option<String>,
+    /// Free attributes, at most 64 KiB.
+    #[serde(default = "empty", deserialize_with = "or_default")]
+    #[schema(value_type = Object)]
+    attributes: Value,
+}
+
+fn empty() -> Value {
+    Value::Object(serde_json::Map::new())
+}
+
+/// Changes to a subject; what is left out stays as it is.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = SubjectPatch, example = json!({"group": "gn"}))]
+pub struct SubjectPatchBody {
+    /// A new pseudonym.
+    #[serde(default, deserialize_with = "present")]
+    #[schema(
+        nullable = false,
+        min_length = 1,
+        max_length = 200,
+        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
+    )]
+    code: Option<String>,
+    /// A new group; null takes the subject out of its group.
+    #[serde(default, deserialize_with = "present")]
+    #[schema(value_type = Option<String>, min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$")]
+    group: Option<Option<String>>,
+    /// New attributes, in place of all the old ones; null removes them.
+    #[serde(default, deserialize_with = "present")]
+    #[schema(value_type = Option<Object>)]
+    attributes: Option<Value>,
+}
+
+/// Names a subject in the path.
+#[derive(Debug, IntoParams)]
+#[into_params(parameter_in = Path)]
+#[allow(dead_code, reason = "documents the path")]
+pub struct SubjectPath {
+    /// The subject.
+    subject: SubjectId,
+}
+
+/// Which subjects.
+#[derive(Debug, Clone, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct SubjectQuery {
+    /// Only those of this group.
+    #[param(nullable = false)]
+    group: Option<String>,
+}
+
+impl FromQuery for SubjectQuery {
+    fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
+        Ok(Self { group: query.take("group")? })
+    }
+}
+
+/// Adds a subject to a study.
+#[utoipa::path(post, path = "/v1/studies/{study}/subjects", tag = "subjects", operation_id = "create_subject",
+    params(StudyPath, IdempotencyHeader), request_body = NewSubjectBody,
+    responses((status = 201, description = "The new subject; Location names it.", body = SubjectView)))]
+pub async fn create(
+    State(state): State<AppState>,
+    Id(study): Id<StudyId>,
+    Params(()): Params<()>,
+    idempotency: Idempotency,
+    body: Json<NewSubjectBody>,
+) -> ApiResult<Response> {
+    let NewSubjectBody { code, group, attributes } = body.value;
+    let new = NewSubject {
+        code: checks::name(&code, "/code")?,
+        group: group.map(|group| checks::name(&group, "/group")).transpose()?,
+        attributes: checks::attributes(attributes, "/attributes")?,
+    };
+    let made = state.store.create_subject(study, new, idempotency.key(&body.bytes).as_ref()).await?;
+    let view = SubjectView::from(made.clone().into_inner());
+    let response = etag::tagged(StatusCode::CREATED, &view)?;
+    Ok(mark(created(response, format!("/v1/subjects/{}", view.id)), &made))
+}
+
+/// Lists the subjects of a study.
+#[utoipa::path(get, path = "/v1/studies/{study}/subjects", tag = "subjects", operation_id = "list_subjects",
+    params(StudyPath, SubjectQuery, PageQuery, IfNoneMatch),
+    responses((status = 200, description = "A page of subjects.", body = List<SubjectView>)))]
+pub async fn list(
+    State(state): State<AppState>,
+    Id(study): Id<StudyId>,
+    uri: Uri,
+    headers: HeaderMap,
+    Params((filter, page)): Params<(SubjectQuery, PageQuery)>,
+) -> ApiResult<Response> {
+    let pager = Pager::new(&uri, page)?;
+    state.store.study(study).await?;
+    let rows = state.store.subjects(study, filter.group.as_deref(), pager.page()).await?;
+    pager.answer(&headers, rows, |subject| subject.id.0, SubjectView::from)
+}
+
+/// Reads a subject.
+#[utoipa::path(get, path = "/v1/subjects/{subject}", tag = "subjects", operation_id = "read_subject",
+    params(SubjectPath, IfNoneMatch), responses((status = 200, description = "The subject.", body = SubjectView)))]
+pub async fn read(
+    State(state): State<AppState>,
+    Id(id): Id<SubjectId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    etag::conditional(&headers, &SubjectView::from(state.store.subject(id).await?))
+}
+
+/// Changes a subject.
+#[utoipa::path(patch, path = "/v1/subjects/{subject}", tag = "subjects", operation_id = "change_subject",
+    params(SubjectPath, IfMatch),
+    request_body(content((SubjectPatchBody = "application/merge-patch+json"), (SubjectPatchBody = "application/json"))),
+    responses((status = 200, description = "The subject as it is now.", body = SubjectView),
+        (status = 409, description = "Another subject of the study has this code.")))]
+pub async fn patch(
+    State(state): State<AppState>,
+    Id(id): Id<SubjectId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+    MergePatch(body): MergePatch<SubjectPatchBody>,
+) -> ApiResult<Response> {
+    let patch = SubjectPatch {
+        code: body.code.map(|code| checks::name(&code, "/code")).transpose()?,
+        group: match body.group {
+            Some(Some(group)) => Some(Some(checks::name(&group, "/group")?)),
+            other => other,
+        },
+        attributes: match body.attributes {
+            Some(Value::Null) => Some(empty()),
+            Some(value) => Some(checks::attributes(value, "/attributes")?),
+            None => None,
+        },
+    };
+    let if_match = insisted(&state, id, &headers).await?;
+    let subject = state.store.patch_subject(id, patch, if_match).await?;
+    etag::tagged(StatusCode::OK, &SubjectView::from(subject))
+}
+
+/// Deletes a subject with its trials and their analyses, and overwrites what they held.
+#[utoipa::path(delete, path = "/v1/subjects/{subject}", tag = "subjects", operation_id = "delete_subject",
+    params(SubjectPath, IfMatch), responses((status = 204, description = "It is gone.")))]
+pub async fn delete(
+    State(state): State<AppState>,
+    Id(id): Id<SubjectId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let if_match = insisted(&state, id, &headers).await?;
+    state.store.delete_subject(id, if_match).await?;
+    Ok(no_content())
+}
+
+async fn insisted(state: &AppState, id: SubjectId, headers: &HeaderMap) -> ApiResult<Option<i64>> {
+    if !etag::is_conditional(headers) {
+        return Ok(None);
+    }
+    let subject = state.store.subject(id).await?;
+    let version = subject.version;
+    etag::insist(headers, &SubjectView::from(subject), version)
+}

@@ -1,0 +1,197 @@
+//! Trials without their signals.
+
+use super::cursor::{List, PageQuery, Pager};
+use super::etag::{self, IfMatch, IfNoneMatch};
+use super::extract::{Id, MergePatch, Params, present};
+use super::no_content;
+use super::problem::ApiResult;
+use super::state::AppState;
+use super::subjects::SubjectPath;
+use crate::analysis::ids::{PlantId, StudyId, SubjectId, TrialId};
+use crate::analysis::{Code, Problem};
+use crate::learning::time_domain::TimeDomainMetrics;
+use crate::store::{TrialPatch, TrialRecord};
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::response::Response;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use time::OffsetDateTime;
+use utoipa::{IntoParams, ToSchema};
+
+/// Numbers and sessions stay exact in every JSON reader.
+pub const MAX_NUMBER: i64 = 1_000_000_000;
+
+/// A trial without its signals.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Trial)]
+pub struct TrialView {
+    /// Its id.
+    pub id: TrialId,
+    study: StudyId,
+    subject: SubjectId,
+    /// The plant that it was recorded on.
+    plant: PlantId,
+    /// Its number, unique within subject and session.
+    number: i64,
+    /// Its session, where it has one.
+    #[schema(required = true)]
+    session: Option<i64>,
+    /// Time between samples, in seconds.
+    sample_time_s: f64,
+    /// Number of samples.
+    samples: u64,
+    /// Whether a disturbance was recorded.
+    has_disturbance: bool,
+    /// SHA-256 of the recording: sample time and columns.
+    sha256: String,
+    metrics: TrialMetrics,
+    /// Counts changes, from 1.
+    version: i64,
+    #[serde(with = "time::serde::rfc3339")]
+    created_at: OffsetDateTime,
+    #[serde(with = "time::serde::rfc3339")]
+    updated_at: OffsetDateTime,
+}
+
+/// What was measured in the time domain.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct TrialMetrics {
+    #[serde(flatten)]
+    #[schema(value_type = TimeDomainMetrics)]
+    time_domain: Value,
+    /// Whether |y| passed the display limit that the study has now.
+    divergent: bool,
+}
+
+impl From<TrialRecord> for TrialView {
+    fn from(record: TrialRecord) -> Self {
+        Self {
+            id: record.id,
+            study: record.study,
+            subject: record.subject,
+            plant: record.plant,
+            number: record.number,
+            session: record.session,
+            sample_time_s: record.sample_time_s,
+            samples: record.samples,
+            has_disturbance: record.has_disturbance,
+            sha256: record.sha256,
+            metrics: TrialMetrics { time_domain: record.metrics, divergent: record.divergent },
+            version: record.version,
+            created_at: record.created_at,
+            updated_at: record.updated_at,
+        }
+    }
+}
+
+/// Names a trial in the path.
+#[derive(Debug, IntoParams)]
+#[into_params(parameter_in = Path)]
+#[allow(dead_code, reason = "documents the path")]
+pub struct TrialPath {
+    /// The trial.
+    trial: TrialId,
+}
+
+/// Changes to a trial; what is left out stays as it is. The recording and its plant never change.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = TrialPatch, example = json!({"number": 4}))]
+pub struct TrialPatchBody {
+    /// A new number.
+    #[serde(default, deserialize_with = "present")]
+    #[schema(nullable = false, minimum = 1, maximum = 1000000000)]
+    number: Option<i64>,
+    /// A new session; null takes the trial out of its session.
+    #[serde(default, deserialize_with = "present")]
+    #[schema(value_type = Option<i64>, minimum = 0, maximum = 1000000000)]
+    session: Option<Option<i64>>,
+}
+
+/// A number or session within its range.
+pub(super) fn in_range(value: i64, min: i64, pointer: &str) -> Result<i64, Problem> {
+    if (min..=MAX_NUMBER).contains(&value) {
+        return Ok(value);
+    }
+    Err(Problem::new(Code::Invalid, "number out of range", format!("it is {value}"))
+        .at(pointer)
+        .mend(format!("Give an integer from {min} to {MAX_NUMBER}.")))
+}
+
+/// Lists the trials of a subject.
+#[utoipa::path(get, path = "/v1/subjects/{subject}/trials", tag = "trials", operation_id = "list_trials",
+    params(SubjectPath, PageQuery, IfNoneMatch),
+    responses((status = 200, description = "A page of trials.", body = List<TrialView>)))]
+pub async fn list(
+    State(state): State<AppState>,
+    Id(subject): Id<SubjectId>,
+    uri: Uri,
+    headers: HeaderMap,
+    Params(page): Params<PageQuery>,
+) -> ApiResult<Response> {
+    let pager = Pager::new(&uri, page)?;
+    state.store.subject(subject).await?;
+    let rows = state.store.trials(subject, pager.page()).await?;
+    pager.answer(&headers, rows, |trial| trial.id.0, TrialView::from)
+}
+
+/// Reads a trial: what it is and what was measured in the time domain.
+#[utoipa::path(get, path = "/v1/trials/{trial}", tag = "trials", operation_id = "read_trial",
+    params(TrialPath, IfNoneMatch), responses((status = 200, description = "The trial.", body = TrialView)))]
+pub async fn read(
+    State(state): State<AppState>,
+    Id(id): Id<TrialId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    etag::conditional(&headers, &TrialView::from(state.store.trial(id).await?))
+}
+
+/// Changes a trial's number or session.
+#[utoipa::path(patch, path = "/v1/trials/{trial}", tag = "trials", operation_id = "change_trial",
+    params(TrialPath, IfMatch),
+    request_body(content((TrialPatchBody = "application/merge-patch+json"), (TrialPatchBody = "application/json"))),
+    responses((status = 200, description = "The trial as it is now.", body = TrialView),
+        (status = 409, description = "Another trial of the subject has this number.")))]
+pub async fn patch(
+    State(state): State<AppState>,
+    Id(id): Id<TrialId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+    MergePatch(body): MergePatch<TrialPatchBody>,
+) -> ApiResult<Response> {
+    let patch = TrialPatch {
+        number: body.number.map(|number| in_range(number, 1, "/number")).transpose()?,
+        session: match body.session {
+            Some(Some(session)) => Some(Some(in_range(session, 0, "/session")?)),
+            other => other,
+        },
+    };
+    let if_match = insisted(&state, id, &headers).await?;
+    let trial = state.store.patch_trial(id, patch, if_match).await?;
+    etag::tagged(StatusCode::OK, &TrialView::from(trial))
+}
+
+/// Deletes a trial with its recording and the analyses that used it, and overwrites what they held.
+#[utoipa::path(delete, path = "/v1/trials/{trial}", tag = "trials", operation_id = "delete_trial",
+    params(TrialPath, IfMatch), responses((status = 204, description = "It is gone.")))]
+pub async fn delete(
+    State(state): State<AppState>,
+    Id(id): Id<TrialId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let if_match = insisted(&state, id, &headers).await?;
+    state.store.delete_trial(id, if_match).await?;
+    Ok(no_content())
+}
+
+async fn insisted(state: &AppState, id: TrialId, headers: &HeaderMap) -> ApiResult<Option<i64>> {
+    if !etag::is_conditional(headers) {
+        return Ok(None);
+    }
+    let trial = state.store.trial(id).await?;
+    let version = trial.version;
+    etag::insist(headers, &TrialView::from(trial), version)
+}

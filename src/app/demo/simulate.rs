@@ -1,0 +1,83 @@
+//! A simulated study in the store, measured and checked like an uploaded one.
+
+use crate::analysis::ids::{StudyId, TrialId};
+use crate::analysis::report::hexadecimal;
+use crate::control::System;
+use crate::learning::time_domain::metrics;
+use crate::plants::SimulatedStudy;
+use crate::plants::study::Member;
+use crate::store::{NewPlant, NewStudy, NewSubject, NewTrial, Store};
+use indicatif::ProgressBar;
+use serde_json::json;
+use std::sync::Arc;
+
+/// The display of Zhang 2015, section 5.4, ends at |y| = 8.
+const DISPLAY_LIMIT: f64 = 8.0;
+
+/// A study that was stored.
+pub struct Stored {
+    /// Its id.
+    pub study: StudyId,
+    /// Its name.
+    pub name: String,
+    /// Its trials.
+    pub trials: Vec<TrialId>,
+}
+
+/// Simulates the trials `numbers` of every subject and stores them.
+///
+/// # Errors
+/// When a simulation overflows or the database fails.
+pub async fn store_study(
+    store: &Store,
+    simulated: Arc<SimulatedStudy>,
+    numbers: &[u32],
+    seed: u64,
+    bar: &ProgressBar,
+) -> anyhow::Result<Stored> {
+    let name = format!("simulated, seed {seed}");
+    let description = "Simulated subjects (volition demo): delayed feedback, a feedforward that approaches the inverse \
+                       dynamics over the trials, coloured remnant noise. No human data.";
+    let new = NewStudy { name: name.clone(), description: description.to_owned(), display_limit: Some(DISPLAY_LIMIT) };
+    let study = store.create_study(new, None).await?.into_inner().id;
+    let members: usize = simulated.groups.iter().map(|g| g.members.len()).sum();
+    bar.set_length((members * numbers.len()) as u64);
+    let mut trials = Vec::new();
+    for group in &simulated.groups {
+        let model = System::Continuous(group.plant.transfer_function()).to_model();
+        let new = NewPlant { name: group.plant.name().to_owned(), model: model.clone() };
+        let plant = store.create_plant(study, new, None).await?.into_inner().id;
+        for member in &group.members {
+            // Who the subject is: the truth that an identification can be held against.
+            let attributes = json!({"simulated": member.subject.parameters()});
+            let new = NewSubject { code: member.code.clone(), group: Some(group.name.to_owned()), attributes };
+            let subject = store.create_subject(study, new, None).await?.into_inner().id;
+            for number in numbers {
+                let (simulated, member, number) = (Arc::clone(&simulated), member.clone(), *number);
+                let trial = tokio::task::spawn_blocking(move || simulate(&simulated, &member, number)).await??;
+                let metrics = metrics(&trial, &model);
+                let new = NewTrial {
+                    plant,
+                    number: i64::from(number),
+                    session: None,
+                    sha256: hexadecimal(&trial.content_sha256()),
+                    max_abs_output: metrics.max_abs_output,
+                    metrics: serde_json::to_value(&metrics)?,
+                    trial,
+                };
+                let created = store.create_trials(subject, vec![new], None).await?;
+                trials.extend(created.into_iter().map(|one| one.into_inner().id));
+                bar.inc(1);
+            }
+        }
+    }
+    Ok(Stored { study, name, trials })
+}
+
+fn simulate(
+    study: &SimulatedStudy,
+    member: &Member,
+    number: u32,
+) -> Result<crate::trial::Trial, crate::plants::subject::SubjectError> {
+    study.trial(member, number)
+}

@@ -1,0 +1,194 @@
+//! Learning curves as aligned text.
+
+use crate::learning::StudyLearningCurves;
+use crate::learning::curves::Metric;
+use crate::learning::groups::{GroupCurve, GroupPoint, Statistics};
+use std::io::{self, Write};
+
+/// The quantities printed, with their names.
+const PRINTED: [(Metric, &str); 4] = [
+    (Metric::MeanAbsError, "‖e‖ = mean |r − y|"),
+    (Metric::NormFeedforwardPlantMinusOne, "‖Gff G − 1‖: distance of the feedforward from the inverse dynamics"),
+    (Metric::NormFeedback, "‖Gfb‖: mean feedback gain over the band"),
+    (Metric::VarianceAccountedFor, "share of the variance of y that the identified controllers explain in simulation"),
+];
+const LABEL: usize = 10;
+const CELL: usize = 8;
+
+/// Prints a table for each group and quantity: one row per subject, one column per trial, then mean, standard deviation and
+/// number of the shown values.
+///
+/// # Errors
+/// Where `out` cannot be written.
+pub fn print(out: &mut impl Write, curves: &StudyLearningCurves) -> io::Result<()> {
+    for group in &curves.groups {
+        let name = group.group.as_deref().unwrap_or("without group");
+        writeln!(out, "\nGroup {name} on plant {} ({} subjects)", group.plant.name, group.subjects.len())?;
+        for (metric, title) in PRINTED {
+            if group.subjects.iter().flat_map(|s| &s.curve.points).any(|p| p.value(metric).is_some()) {
+                table(out, group, metric, title)?;
+            }
+        }
+    }
+    for remark in &curves.remarks {
+        writeln!(out, "note: {}", remark.message)?;
+    }
+    Ok(())
+}
+
+fn table(out: &mut impl Write, group: &GroupCurve, metric: Metric, title: &str) -> io::Result<()> {
+    writeln!(out, "\n  {title}")?;
+    row(out, "trial", group.points.iter().map(heading))?;
+    for subject in &group.subjects {
+        let cell = |at: &GroupPoint| {
+            let same = |session: Option<i64>, number: i64| (session, number) == (at.session, at.number);
+            match subject.curve.points.iter().find(|p| same(p.session, p.number)) {
+                Some(point) => point.value(metric).map_or_else(|| "?".to_owned(), number),
+                None if subject.curve.left_out.iter().any(|t| same(t.session, t.number)) => "div.".to_owned(),
+                None => "-".to_owned(),
+            }
+        };
+        row(out, &subject.code, group.points.iter().map(cell))?;
+    }
+    let statistics = || group.points.iter().map(|p| of(p, metric));
+    row(out, "mean", statistics().map(|s| s.mean.map_or_else(|| "-".to_owned(), number)))?;
+    row(out, "SD", statistics().map(|s| s.sd.map_or_else(|| "-".to_owned(), number)))?;
+    row(out, "n", statistics().map(|s| s.n.to_string()))
+}
+
+fn row(out: &mut impl Write, label: &str, cells: impl Iterator<Item = String>) -> io::Result<()> {
+    let cells: String = cells.map(|cell| format!(" {cell:>CELL$}")).collect();
+    writeln!(out, "    {label:<LABEL$}{cells}")
+}
+
+fn heading(point: &GroupPoint) -> String {
+    point.session.map_or_else(|| point.number.to_string(), |session| format!("{session}/{}", point.number))
+}
+
+/// Four significant digits.
+fn number(value: f64) -> String {
+    let digits = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
+    if !(-4..7).contains(&digits) {
+        return format!("{value:.2e}");
+    }
+    format!("{value:.*}", usize::try_from(3 - digits).unwrap_or(0))
+}
+
+fn of(point: &GroupPoint, metric: Metric) -> &Statistics {
+    let m = &point.metrics;
+    match metric {
+        Metric::MeanAbsError => &m.mean_abs_error,
+        Metric::RmsError => &m.rms_error,
+        Metric::NormFeedback => &m.norm_feedback,
+        Metric::NormFeedforwardMinusInverse => &m.norm_feedforward_minus_inverse,
+        Metric::NormFeedforwardPlantMinusOne => &m.norm_feedforward_plant_minus_one,
+        Metric::VarianceAccountedFor => &m.variance_accounted_for,
+    }
+}
+
+/// What the curves show, in one paragraph with its numbers and its limits.
+///
+/// # Errors
+/// Where `out` cannot be written.
+pub fn print_reading(out: &mut impl Write, curves: &StudyLearningCurves) -> io::Result<()> {
+    let mut parts = Vec::new();
+    let (mut fell, mut all) = (0, 0);
+    for group in &curves.groups {
+        for subject in &group.subjects {
+            let trend = &subject.curve.trends.norm_feedforward_plant_minus_one;
+            if let (Some(first), Some(last)) = (trend.first, trend.last) {
+                all += 1;
+                fell += usize::from(last < first);
+            }
+        }
+        let mean = |table: &crate::learning::groups::GroupTable| table.metrics.norm_feedforward_plant_minus_one.mean;
+        if let (Some(first), Some(last)) = (mean(&group.first_trials), mean(&group.last_trials)) {
+            let name = group.group.as_deref().unwrap_or("without group");
+            parts.push(format!("from {} to {} in {name}", number(first), number(last)));
+        }
+    }
+    if parts.is_empty() {
+        return writeln!(out, "\nNo trial was identified, so nothing can be said about the inverse dynamics.");
+    }
+    writeln!(
+        out,
+        "\nReading: from the first to the last trial shown, ‖Gff G − 1‖ went on average {}, and fell in {fell} of {all} \
+         subjects. These subjects are simulated and were built to approach the inverse dynamics, so this shows that the \
+         identification finds a change that is there, not how people learn.",
+        parts.join(" and ")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learning::time_domain::TimeDomainMetrics;
+    use crate::learning::{CurveOptions, PlantName, SubjectInput, TrialInput, study_learning_curves};
+
+    fn trial(number: i64, error: f64, divergent: bool) -> TrialInput {
+        TrialInput {
+            trial: number.to_string(),
+            number,
+            session: None,
+            plant: PlantName { id: "p".to_owned(), name: "lag".to_owned() },
+            divergent,
+            metrics: TimeDomainMetrics {
+                mean_abs_error: error,
+                rms_error: error,
+                max_abs_output: 1.0,
+                right_control_at_start: None,
+                right_control_undetermined: None,
+                right_control_time_s: None,
+                right_control_threshold: 0.05,
+            },
+            identifications: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_table_has_a_row_per_subject_and_says_what_is_missing() {
+        let subject = |code: &str, trials| SubjectInput {
+            subject: code.to_owned(),
+            code: code.to_owned(),
+            group: Some("g".to_owned()),
+            trials,
+        };
+        let study = [
+            subject("A", vec![trial(1, 1.0, false), trial(2, 0.5, false)]),
+            subject("B", vec![trial(1, 3.0, false), trial(2, 9.0, true), trial(3, 0.25, false)]),
+        ];
+        let curves = study_learning_curves(&study, &CurveOptions::default());
+        let mut text = Vec::new();
+        print(&mut text, &curves).unwrap();
+        print_reading(&mut text, &curves).unwrap();
+        let text = String::from_utf8(text).unwrap();
+        let rows: Vec<Vec<&str>> = text.lines().map(|l| l.split_whitespace().collect()).collect();
+        for expected in [
+            vec!["trial", "1", "2", "3"],
+            vec!["A", "1.000", "0.5000", "-"],
+            vec!["B", "3.000", "div.", "0.2500"],
+            vec!["mean", "2.000", "0.5000", "0.2500"],
+            vec!["SD", "1.414", "-", "-"],
+            vec!["n", "2", "1", "1"],
+        ] {
+            assert!(rows.contains(&expected), "{expected:?} in\n{text}");
+        }
+        assert!(!text.contains("Gfb"), "a quantity that no trial has needs no table:\n{text}");
+        assert!(text.contains("1 divergent trials are left out") && text.contains("No trial was identified"));
+    }
+
+    #[test]
+    fn numbers_have_four_digits() {
+        let cases = [
+            (0.0, "0.000"),
+            (0.12345, "0.1235"),
+            (1.0, "1.000"),
+            (-12.345, "-12.35"),
+            (12345.0, "12345"),
+            (1e-9, "1.00e-9"),
+        ];
+        for (value, text) in cases {
+            assert_eq!(number(value), text);
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! `volition serve`, `worker` and `migrate`: the parts put together.
+
+use crate::api::{self, AppState};
+use crate::config::{DatabaseArgs, ServeArgs, WorkerArgs};
+use crate::jobs::Status;
+use crate::store::{Store, StoreResult};
+use crate::worker::{Analyses, Worker};
+use anyhow::Context as _;
+use std::io::Write as _;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio_util::sync::CancellationToken;
+
+/// How long open connections are given to finish their requests at shutdown.
+const CONNECTIONS_DRAIN: Duration = Duration::from_secs(10);
+
+/// Pause between looks at the queue of a worker that stops when it is idle.
+const IDLE_POLL: Duration = Duration::from_millis(200);
+
+/// Serves the API until SIGINT or SIGTERM, then finishes requests and drains the worker.
+///
+/// # Errors
+/// Settings that cannot be used, a database that cannot be opened, an address that cannot be listened on.
+pub async fn serve(serve: &ServeArgs, database: &DatabaseArgs, worker: &WorkerArgs) -> anyhow::Result<()> {
+    let address = serve.checked_listen()?;
+    let limits = serve.limits()?;
+    let store = open(database).await?;
+    let worker = Worker::new(store.clone(), Arc::new(Analyses), worker.settings())?;
+    let listener = TcpListener::bind(address).await.with_context(|| format!("cannot listen on {address}"))?;
+    let address = listener.local_addr()?;
+
+    let shutdown = stop_on_signal();
+    let state = AppState::new(store.clone()).with_limits(limits).with_shutdown(shutdown.clone());
+    let listening = shutdown.clone();
+    let server = tokio::spawn(async move {
+        axum::serve(listener, api::router(state)).with_graceful_shutdown(listening.cancelled_owned()).await
+    });
+    // Scripts wait for this line and read the port from it.
+    writeln!(std::io::stdout(), "volition listens on http://{address}")?;
+    tracing::info!(%address, database = %database.database.display(), "serving");
+
+    let working = shutdown.clone();
+    let embedded = !serve.no_worker;
+    let work = async {
+        if embedded {
+            worker.run(working).await;
+        } else {
+            working.cancelled().await;
+        }
+    };
+    let requests = async {
+        shutdown.cancelled().await;
+        tokio::time::timeout(CONNECTIONS_DRAIN, server).await
+    };
+    let (requests, ()) = tokio::join!(requests, work);
+    if requests.is_err() {
+        tracing::warn!(waited_s = CONNECTIONS_DRAIN.as_secs(), "some connections did not close in time");
+    }
+    store.close().await;
+    Ok(())
+}
+
+/// Works on a database that another process serves, until SIGINT or SIGTERM, or until nothing is left to do.
+///
+/// # Errors
+/// Settings that cannot be used, or a database that cannot be opened.
+pub async fn work(database: &DatabaseArgs, worker: &WorkerArgs, until_idle: bool) -> anyhow::Result<()> {
+    let store = open(database).await?;
+    let worker = Worker::new(store.clone(), Arc::new(Analyses), worker.settings())?;
+    let shutdown = stop_on_signal();
+    let idle = async {
+        while until_idle && !shutdown.is_cancelled() {
+            if is_idle(&store).await? {
+                shutdown.cancel();
+            }
+            tokio::time::sleep(IDLE_POLL).await;
+        }
+        StoreResult::Ok(())
+    };
+    let (idle, _) = tokio::join!(idle, worker.run(shutdown.clone()));
+    store.close().await;
+    idle.context("the queue could not be looked at")
+}
+
+/// Makes the database or brings its schema up to date.
+///
+/// # Errors
+/// A database that cannot be opened or migrated.
+pub async fn migrate(database: &DatabaseArgs) -> anyhow::Result<()> {
+    let store = open(database).await?;
+    store.close().await;
+    writeln!(std::io::stdout(), "{} is up to date", database.database.display())?;
+    Ok(())
+}
+
+async fn open(database: &DatabaseArgs) -> anyhow::Result<Store> {
+    let path = &database.database;
+    Store::open(Some(path)).await.with_context(|| format!("cannot open the database {}", path.display()))
+}
+
+async fn is_idle(store: &Store) -> StoreResult<bool> {
+    let counts = store.count_by_status().await?;
+    Ok(counts.iter().all(|(status, count)| *count == 0 || !matches!(status, Status::Queued | Status::Running)))
+}
+
+/// Cancelled by the first SIGINT or SIGTERM. The second ends the process at once; leases take care of its work.
+fn stop_on_signal() -> CancellationToken {
+    let token = CancellationToken::new();
+    let cancelled = token.clone();
+    tokio::spawn(async move {
+        signal().await;
+        tracing::info!("stopping; once more stops at once");
+        cancelled.cancel();
+        signal().await;
+        tracing::warn!("stopped at once; analyses under way are rescued when their leases run out");
+        std::process::exit(130);
+    });
+    token
+}
+
+#[cfg(unix)]
+async fn signal() {
+    use tokio::signal::unix::{SignalKind, signal};
+    let terminate = async {
+        match signal(SignalKind::terminate()) {
+            Ok(mut stream) => {
+                stream.recv().await;
+            }
+            Err(_) => std::future::pending().await,
+        }
+    };
+    tokio::select! {
+        _ = tokio::signal::ctrl_c() => {}
+        () = terminate => {}
+    }
+}
+
+#[cfg(not(unix))]
+async fn signal() {
+    if tokio::signal::ctrl_c().await.is_err() {
+        std::future::pending::<()>().await;
+    }
+}

@@ -1,0 +1,17 @@
+//! The service over HTTP: every test has a server, a port and a database of its own.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod analyses;
+mod bad_input;
+mod conditional;
+mod events;
+mod harness;
+mod learning;
+mod limits;
+mod openapi;
+mod plants;
+mod service;
+mod studies;
+mod subjects;
+mod trials;
+mod uploads;

@@ -1,0 +1,144 @@
+//! Exit codes and words of the command line.
+
+use crate::harness::volition;
+use serde_json::{Value, json};
+use std::io::Write as _;
+use std::process::{Output, Stdio};
+
+fn run(document: &str) -> Output {
+    let mut child = volition(&["run", "-"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(document.as_bytes()).unwrap();
+    child.wait_with_output().unwrap()
+}
+
+fn problem(output: &Output) -> Value {
+    assert!(output.stdout.is_empty(), "a problem goes to standard error alone");
+    serde_json::from_slice(&output.stderr).unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)))
+}
+
+/// Zhang 2015, section 2.6: Gp = 4/(s+2), Gff = (2.1s+3)/(s+6.5), Gfb = 5.4/(s+7.1), noiseless at 0.2πk rad/s.
+fn example() -> Value {
+    use volition::control::{Continuous, TransferFunction};
+    let continuous = |num: &[f64], den: &[f64]| TransferFunction::new(num, den, Continuous).unwrap();
+    let plant = continuous(&[4.0], &[1.0, 2.0]);
+    let feedforward = continuous(&[2.1, 3.0], &[1.0, 6.5]);
+    let feedback = continuous(&[5.4], &[1.0, 7.1]);
+    let omega: Vec<f64> = (1..=20).map(|k| 0.2 * std::f64::consts::PI * f64::from(k)).collect();
+    let h: Vec<[f64; 2]> = omega
+        .iter()
+        .map(|w| {
+            let (g, ff, fb) = (plant.response(*w), feedforward.response(*w), feedback.response(*w));
+            let h = g * (ff + fb) / (1.0 + g * fb);
+            [h.re, h.im]
+        })
+        .collect();
+    let axis = json!([{"from": 3.4, "to": 8.0, "step": 0.1}]);
+    json!({
+        "kind": "ssid",
+        "inputs": {
+            "plant": {"num": [4.0], "den": [1.0, 2.0], "sample_time_s": null},
+            "frequency_response": {"omega_rad_s": omega, "h": h}
+        },
+        "spec": {
+            "pool": {"grid": {
+                "feedforward_denominator": axis, "feedback_numerator": axis, "feedback_denominator": axis
+            }, "stability_margin": 0.0},
+            "feedforward_numerator_degree": 1
+        }
+    })
+}
+
+#[test]
+fn run_writes_the_report_and_exits_with_0() {
+    let output = run(&example().to_string());
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["kind"], "ssid");
+    let coefficients = |which: &str, part: &str| -> Vec<f64> {
+        serde_json::from_value(report["result"][which][part].clone()).unwrap()
+    };
+    for (which, part, expected) in [
+        ("feedforward", "num", &[2.1, 3.0][..]),
+        ("feedforward", "den", &[1.0, 6.5]),
+        ("feedback", "num", &[5.4]),
+        ("feedback", "den", &[1.0, 7.1]),
+    ] {
+        let found = coefficients(which, part);
+        assert_eq!(found.len(), expected.len(), "{which} {part}: {found:?}");
+        for (a, b) in found.iter().zip(expected) {
+            assert!((a - b).abs() < 1e-9, "{which} {part}: {found:?}");
+        }
+    }
+    assert!(report["provenance"]["wall_time_s"].as_f64().unwrap() > 0.0);
+}
+
+#[test]
+fn the_same_document_gives_the_same_result() {
+    let hash = |output: Output| -> Value {
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()["provenance"]["result_sha256"].clone()
+    };
+    let document = example().to_string();
+    assert_eq!(hash(run(&document)), hash(run(&document)));
+}
+
+#[test]
+fn bad_input_exits_with_2_and_says_where() {
+    let mut unknown = example();
+    unknown["kind"] = json!("telepathy");
+    let mut stored = example();
+    stored["inputs"] = json!({"trial": "0190b3e0-0000-7000-8000-000000000001"});
+    let mut field = example();
+    field["spec"]["poool"] = json!(1);
+    let mut reversed = example();
+    reversed["inputs"]["frequency_response"]["omega_rad_s"][3] = json!(0.01);
+    for (document, location) in [
+        ("{".to_owned(), "line 1"),
+        ("[]".to_owned(), "line 1"),
+        (String::new(), "line 1"),
+        (unknown.to_string(), "/kind"),
+        (stored.to_string(), "/inputs"),
+        (field.to_string(), "/spec"),
+        (reversed.to_string(), "/inputs/frequency_response"),
+    ] {
+        let output = run(&document);
+        let problem = problem(&output);
+        assert_eq!(output.status.code(), Some(2), "{problem}");
+        assert!(problem["where"].as_str().unwrap().starts_with(location), "{problem}");
+        for part in ["title", "detail", "code"] {
+            assert!(!problem[part].as_str().unwrap().is_empty(), "{problem}");
+        }
+    }
+}
+
+#[test]
+fn other_addresses_than_loopback_are_refused_with_the_reason() {
+    for address in ["0.0.0.0:0", "[::]:0", "192.0.2.1:80"] {
+        let output = volition(&["serve", "--listen", address, "--database", "/nowhere/volition.db"]).output().unwrap();
+        assert_eq!(output.status.code(), Some(1));
+        let words = String::from_utf8(output.stderr).unwrap();
+        assert!(words.contains("refusing to listen on") && words.contains("access tokens"), "{words}");
+    }
+}
+
+#[test]
+fn a_database_that_is_none_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("notes.txt");
+    std::fs::write(&path, "these are my notes, and no database at all. ".repeat(100)).unwrap();
+    let output = volition(&["migrate", "--database", path.to_str().unwrap()]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("notes.txt"));
+    assert!(std::fs::read_to_string(&path).unwrap().starts_with("these are my notes"), "the file was touched");
+}
+
+#[test]
+fn the_openapi_command_writes_the_committed_document() {
+    let output = volition(&["openapi"]).output().unwrap();
+    let committed = concat!(env!("CARGO_MANIFEST_DIR"), "/openapi/openapi.json");
+    assert_eq!(String::from_utf8(output.stdout).unwrap(), std::fs::read_to_string(committed).unwrap());
+}
