@@ -3,8 +3,10 @@
 
 pub mod basis;
 pub mod frequency;
+pub mod identifiability;
 pub mod pool;
 pub mod problem;
 pub mod search;
+pub mod ssid;
 pub mod time;
 pub mod validation;
