@@ -1,6 +1,6 @@
 //! `volition serve`, `worker` and `migrate`: the parts put together.
 
-use crate::api::{self, AppState, Wake};
+use crate::api::{self, AppState};
 use crate::config::{DatabaseArgs, ServeArgs, WorkerArgs};
 use crate::jobs::Status;
 use crate::store::{Store, StoreResult};
@@ -32,7 +32,7 @@ pub async fn serve(serve: &ServeArgs, database: &DatabaseArgs, worker: &WorkerAr
 
     let shutdown = stop_on_signal();
     // The store itself wakes an embedded worker; workers in other processes poll.
-    let state = AppState::new(store.clone()).with_limits(limits).with_wake(Wake::none()).with_shutdown(shutdown.clone());
+    let state = AppState::new(store.clone()).with_limits(limits).with_shutdown(shutdown.clone());
     let listening = shutdown.clone();
     let server = tokio::spawn(async move {
         axum::serve(listener, api::router(state)).with_graceful_shutdown(listening.cancelled_owned()).await

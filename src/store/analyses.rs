@@ -15,7 +15,8 @@ use uuid::Uuid;
 pub(super) const NOUN: &str = "analysis";
 
 /// Everything but the report, which can be large.
-const COLUMNS: &str = "a.id, a.study_id, a.kind, a.request, a.request_sha256, a.spec_sha256, a.status, a.attempts, a.cancel_requested,
+const COLUMNS: &str =
+    "a.id, a.study_id, a.kind, a.request, a.request_sha256, a.spec_sha256, a.status, a.attempts, a.cancel_requested,
     a.progress_done, a.progress_total, a.eta_s, a.problem, a.version, a.created_at, a.started_at, a.finished_at,
     a.updated_at";
 

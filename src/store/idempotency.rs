@@ -12,13 +12,12 @@ pub(super) async fn replay(
     key: Option<&IdempotencyKey>,
 ) -> StoreResult<Option<Vec<String>>> {
     let Some(key) = key else { return Ok(None) };
-    let found: Option<(String, String)> = sqlx::query_as(
-        "SELECT request_sha256, result_ids FROM idempotency_keys WHERE scope = $1 AND key_sha256 = $2",
-    )
-    .bind(scope)
-    .bind(sha256(&key.key))
-    .fetch_optional(connection)
-    .await?;
+    let found: Option<(String, String)> =
+        sqlx::query_as("SELECT request_sha256, result_ids FROM idempotency_keys WHERE scope = $1 AND key_sha256 = $2")
+            .bind(scope)
+            .bind(sha256(&key.key))
+            .fetch_optional(connection)
+            .await?;
     match found {
         None => Ok(None),
         Some((request, _)) if request != key.request_sha256 => Err(StoreError::KeyReused),

@@ -64,7 +64,9 @@ impl Store {
             let begin = Instant::now();
             // The copy that VACUUM makes on its way: in memory where it is small.
             let temporary = if size(&mut connection).await? <= 8 * AT_ONCE_BYTES { "MEMORY" } else { "FILE" };
-            sqlx::query(sqlx::AssertSqlSafe(format!("PRAGMA temp_store = {temporary}"))).execute(&mut *connection).await?;
+            sqlx::query(sqlx::AssertSqlSafe(format!("PRAGMA temp_store = {temporary}")))
+                .execute(&mut *connection)
+                .await?;
             sqlx::query("VACUUM").execute(&mut *connection).await?;
             let took_s = begin.elapsed().as_secs_f64();
             // While nobody could write, nobody could renew a lease either. Nor may another process's deletion since then

@@ -13,7 +13,10 @@ async fn an_analysis_comes_back_as_it_was_asked_for() {
     assert!(is_new(&made));
     let made = made.into_inner();
     assert_eq!(bench.store.analysis(made.id).await.unwrap(), made);
-    assert_eq!((made.study, made.kind, &made.request, &made.spec_sha256), (Some(study), Kind::Ssid, &new.request, &new.spec_sha256));
+    assert_eq!(
+        (made.study, made.kind, &made.request, &made.spec_sha256),
+        (Some(study), Kind::Ssid, &new.request, &new.spec_sha256)
+    );
     assert_eq!((made.status, made.attempts, made.cancel_requested, made.version), (Status::Queued, 0, false, 1));
     assert_eq!((made.started_at, made.finished_at, made.problem, made.eta_s), (None, None, None, None));
     let nothing = AnalysisId(uuid::Uuid::nil());
@@ -161,7 +164,9 @@ async fn the_store_follows_the_rules_in_every_short_history() {
         histories = histories.into_iter().flat_map(longer).collect();
     }
     // Histories that begin with something illegal only repeat shorter ones; one of each is enough.
-    histories.retain(|history| matches!(history[0], Event::Claim | Event::RequestCancel) || history[1..] == [Event::Claim; 3]);
+    histories.retain(|history| {
+        matches!(history[0], Event::Claim | Event::RequestCancel) || history[1..] == [Event::Claim; 3]
+    });
     for history in histories {
         let id = bench.queue().await;
         let (mut job, mut held) = (Job::new(), None);

@@ -49,7 +49,8 @@ async fn everything_is_there_after_a_restart() {
     let study = store.create_study(new_study("Tracking"), None).await.unwrap().into_inner();
     let plant = store.create_plant(study.id, new_plant("mass"), None).await.unwrap().into_inner();
     let subject = store.create_subject(study.id, new_subject("S01"), None).await.unwrap().into_inner();
-    let trial = store.create_trials(subject.id, vec![new_trial(plant.id, 1)], None).await.unwrap().remove(0).into_inner();
+    let trial =
+        store.create_trials(subject.id, vec![new_trial(plant.id, 1)], None).await.unwrap().remove(0).into_inner();
     let analysis = store.create_analysis(new_analysis(vec![trial.id]), None).await.unwrap().into_inner();
     let lease = store.claim("w", 15.0).await.unwrap().unwrap().lease;
     store.succeed(&lease, &report(0.1)).await.unwrap();
@@ -301,7 +302,10 @@ async fn the_database_itself_refuses_what_the_rules_forbid() {
         ("UPDATE analyses SET status = 'running', attempts = 1, started_at = 1", "leased_when_running"),
         ("UPDATE analyses SET lease_token = 'x', lease_expires_at = 1", "leased_when_running"),
         ("UPDATE analyses SET status = 'failed', attempts = 1, started_at = 1, finished_at = 1", "problem_on_failure"),
-        ("UPDATE analyses SET status = 'succeeded', attempts = 1, started_at = 1, finished_at = 1", "reported_on_success"),
+        (
+            "UPDATE analyses SET status = 'succeeded', attempts = 1, started_at = 1, finished_at = 1",
+            "reported_on_success",
+        ),
         ("UPDATE analyses SET status = 'cancelled', finished_at = 1", "cancelled_on_request"),
         ("UPDATE analyses SET status = 'cancelled', cancel_requested = 1", "finished_when_final"),
         ("UPDATE analyses SET finished_at = 1", "finished_when_final"),

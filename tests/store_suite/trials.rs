@@ -26,8 +26,13 @@ async fn a_trial_comes_back_as_it_was_given() {
 async fn a_trial_without_time_or_disturbance_has_none_afterwards() {
     let bench = Bench::new().await;
     let (_, plant, subject) = bench.lab().await;
-    let signals =
-        Signals { time_s: None, command: vec![-0.0; 9], control: vec![5e-324; 9], output: vec![0.0; 9], disturbance: None };
+    let signals = Signals {
+        time_s: None,
+        command: vec![-0.0; 9],
+        control: vec![5e-324; 9],
+        output: vec![0.0; 9],
+        disturbance: None,
+    };
     let new = of_trial(plant, 1, Trial { sample_time_s: 0.1, signals });
     let made = bench.store.create_trials(subject, vec![new.clone()], None).await.unwrap().remove(0).into_inner();
     let back = bench.store.trial_signals(made.id).await.unwrap();
@@ -191,7 +196,10 @@ async fn filters_find_what_they_name_in_a_stable_order() {
     assert_eq!(find(TrialFilter { group: Some("no such".into()), ..all() }).await, []);
     assert_eq!(find(TrialFilter { plant: Some(spring), ..all() }).await, [(2, Some(1))]);
     assert_eq!(find(TrialFilter { session: Some(2), ..all() }).await, [(1, Some(2)), (3, Some(2))]);
-    assert_eq!(find(TrialFilter { number_from: Some(2), number_to: Some(3), ..all() }).await, [(2, Some(1)), (3, Some(2))]);
+    assert_eq!(
+        find(TrialFilter { number_from: Some(2), number_to: Some(3), ..all() }).await,
+        [(2, Some(1)), (3, Some(2))]
+    );
     let with_divergent = TrialFilter { subject: Some(subject), include_divergent: true, ..all() };
     assert_eq!(find(with_divergent).await, [(9, None), (1, Some(1)), (2, Some(1)), (1, Some(2)), (3, Some(2))]);
 }
@@ -206,7 +214,10 @@ async fn the_library_holds_recordings_with_their_plants() {
     assert_eq!(library.plants[&plant], model());
     let stored = &library.trials[&trials[1]];
     let new = new_trial(plant, 2);
-    assert_eq!((&stored.trial, &stored.sha256, &stored.plant, stored.divergent), (&new.trial, &new.sha256, &model(), false));
+    assert_eq!(
+        (&stored.trial, &stored.sha256, &stored.plant, stored.divergent),
+        (&new.trial, &new.sha256, &model(), false)
+    );
     bench.store.delete_trial(trials[0], None).await.unwrap();
     assert_not_found(bench.store.library(&references).await, "trial");
     let no_plant = References { trials: vec![], plants: vec![PlantId(uuid::Uuid::nil())] };
