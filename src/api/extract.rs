@@ -383,19 +383,36 @@ async fn read_json<T: DeserializeOwned + Send + 'static>(
     }
     let bytes = Bytes::from(read_body(state, headers, body).await?);
     let value = if bytes.len() <= SMALL_JSON {
-        from_json(&bytes)?
+        from_json_object(&bytes)?
     } else {
         let bytes = bytes.clone();
-        off_thread(move || from_json(&bytes)).await??
+        off_thread(move || from_json_object(&bytes)).await??
     };
     Ok(Json { value, bytes })
+}
+
+/// A JSON object as the struct `T`.
+///
+/// # Errors
+/// `malformed` with line and column where it is not JSON; `invalid` with the pointer of the field where it says
+/// something else than `T`.
+pub fn from_json_object<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+    // serde takes an array for a struct, field by field; nobody means that.
+    if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
+        from_json::<serde::de::IgnoredAny>(bytes)?;
+        return Err(not_an_object("an array", "/"));
+    }
+    from_json(bytes)
+}
+
+fn not_an_object(found: &str, pointer: &str) -> Problem {
+    Problem::new(Code::Invalid, "unexpected value", format!("there is {found}, where an object belongs")).at(pointer)
 }
 
 /// JSON as `T`.
 ///
 /// # Errors
-/// `malformed` with line and column where it is not JSON; `invalid` with the pointer of the field where it says
-/// something else than `T`.
+/// As [`from_json_object`].
 pub fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     if bytes.iter().all(u8::is_ascii_whitespace) {
         return Err(Problem::new(Code::Malformed, "no JSON", "the body is empty").at("body"));
@@ -409,11 +426,14 @@ pub fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     Ok(value)
 }
 
-/// A JSON value inside a body, at `pointer`, as `T`.
+/// A JSON object inside a body, at `pointer`, as the struct `T`.
 ///
 /// # Errors
 /// `invalid` with the pointer of the field.
 pub fn from_value<T: DeserializeOwned>(value: &serde_json::Value, pointer: &str) -> Result<T, Problem> {
+    if !value.is_object() {
+        return Err(not_an_object("something else", pointer));
+    }
     serde_path_to_error::deserialize(value)
         .map_err(|error| of_json(error.inner(), &format!("{pointer}{}", pointer_of(error.path()))))
 }
@@ -478,6 +498,42 @@ where
     T::deserialize(deserializer).map(Some)
 }
 
+/// An integer, also where it is written as `3.0`, as programs do that know only one sort of number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+pub struct Integer(pub i64);
+
+impl<'de> serde::Deserialize<'de> for Integer {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Visitor;
+
+        impl serde::de::Visitor<'_> for Visitor {
+            type Value = Integer;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("an integer")
+            }
+
+            fn visit_i64<E: serde::de::Error>(self, value: i64) -> Result<Integer, E> {
+                Ok(Integer(value))
+            }
+
+            fn visit_u64<E: serde::de::Error>(self, value: u64) -> Result<Integer, E> {
+                i64::try_from(value).map(Integer).map_err(|_| E::custom(format!("{value} is too large an integer")))
+            }
+
+            fn visit_f64<E: serde::de::Error>(self, value: f64) -> Result<Integer, E> {
+                // Beyond 2^53 a double does not say which integer is meant.
+                if value.fract() == 0.0 && value.abs() <= 9_007_199_254_740_992.0 {
+                    return Ok(Integer(value as i64));
+                }
+                Err(E::invalid_value(serde::de::Unexpected::Float(value), &self))
+            }
+        }
+
+        deserializer.deserialize_any(Visitor)
+    }
+}
+
 /// For fields that may be left out but not be null.
 pub(super) fn or_default<'de, D, T>(deserializer: D) -> Result<T, D::Error>
 where
@@ -514,13 +570,26 @@ mod tests {
         assert_eq!(problem("{}"), (Code::Invalid, "/a".into()));
         assert_eq!(problem(r#"{"a":[],"a":[]}"#), (Code::Invalid, "/a".into()));
         assert_eq!(problem(r#"{"a":[],"c":null}"#), (Code::Invalid, "/c".into()));
-        assert_eq!(problem("[]").0, Code::Invalid);
+        let of_object = |text: &str| from_json_object::<Sample>(text.as_bytes()).unwrap_err();
+        assert_eq!(of_object("[]").location.unwrap(), "/");
+        assert_eq!(of_object(" [[], null, 1]").code, Code::Invalid);
+        assert_eq!(of_object("[[]").code, Code::Malformed);
         assert_eq!(problem(r#"{"a":[1,NaN]}"#), (Code::Malformed, "body, line 1, column 9".into()));
         assert_eq!(problem(r#"{"a":[1e999]}"#).0, Code::Malformed);
         assert_eq!(problem(r#"{"a":[1"#).0, Code::Malformed);
         assert_eq!(problem(r#"{"a":[]} {}"#).0, Code::Malformed);
         assert_eq!(problem("  "), (Code::Malformed, "body".into()));
         assert_eq!(from_json::<Sample>(br#"{"a":[],"b":null}"#).unwrap(), Sample { a: vec![], b: Some(None), c: None });
+    }
+
+    #[test]
+    fn integers_may_be_written_as_floats() {
+        for (text, value) in [("3", 3), ("3.0", 3), ("-0.0", 0), ("1e3", 1000)] {
+            assert_eq!(from_json::<Integer>(text.as_bytes()).unwrap(), Integer(value), "{text}");
+        }
+        for text in ["3.5", "1e300", "18446744073709551615", "\"3\"", "null", "true"] {
+            assert_eq!(from_json::<Integer>(text.as_bytes()).unwrap_err().code, Code::Invalid, "{text}");
+        }
     }
 
     #[test]

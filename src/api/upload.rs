@@ -2,7 +2,8 @@
 
 use super::etag;
 use super::extract::{
-    Encoding, FromQuery, Id, Params, QueryText, encoding, from_json, media_type, off_thread, read_body, unsupported,
+    Encoding, FromQuery, Id, Integer, Params, QueryText, encoding, from_json, from_value, media_type, off_thread,
+    read_body, unsupported,
 };
 use super::files::{self, File, Read};
 use super::idempotency::{IDEMPOTENT_REPLAYED, Idempotency, IdempotencyHeader};
@@ -109,11 +110,11 @@ pub struct FileMetadata {
     /// The name of one of the files.
     file: String,
     /// The trial's number; without it, as the query says.
-    #[schema(minimum = 1, maximum = 1000000000)]
-    number: Option<i64>,
+    #[schema(value_type = Option<i64>, minimum = 1, maximum = 1000000000)]
+    number: Option<Integer>,
     /// The session; without it, as the query says.
-    #[schema(minimum = 0, maximum = 1000000000)]
-    session: Option<i64>,
+    #[schema(value_type = Option<i64>, minimum = 0, maximum = 1000000000)]
+    session: Option<Integer>,
     /// The plant; without it, as the query says.
     plant: Option<PlantId>,
 }
@@ -308,10 +309,16 @@ async fn unpacked(state: &AppState, kind: Kind, packing: Encoding, bytes: Vec<u8
 fn with_metadata(mut files: Vec<File>) -> Result<(Vec<File>, Vec<FileMetadata>), Problem> {
     let Some(at) = files.iter().position(|file| file.is_metadata()) else { return Ok((files, Vec::new())) };
     let part = files.remove(at);
-    let metadata: Vec<FileMetadata> = from_json(&part.bytes).map_err(|problem| {
-        let place = problem.location.clone().unwrap_or_default();
-        problem.at(format!("part metadata, {place}"))
-    })?;
+    let within = |problem: Problem| {
+        let place = format!("part metadata, {}", problem.location.clone().unwrap_or_default());
+        problem.at(place)
+    };
+    let entries: Vec<serde_json::Value> = from_json(&part.bytes).map_err(within)?;
+    let metadata = entries
+        .iter()
+        .enumerate()
+        .map(|(i, entry)| from_value(entry, &format!("/{i}")).map_err(within))
+        .collect::<Result<_, _>>()?;
     Ok((files, metadata))
 }
 
@@ -334,10 +341,10 @@ fn assignments(files: &[File], metadata: Vec<FileMetadata>, query: &UploadQuery)
         if !files.iter().any(|file| file.name.as_deref() == Some(&entry.file)) {
             return Err(bad("file", format!("the form has no file named '{}'", entry.file)));
         }
-        if let Some(number) = entry.number {
+        if let Some(Integer(number)) = entry.number {
             in_range(number, 1, &format!("part metadata, /{i}/number"))?;
         }
-        if let Some(session) = entry.session {
+        if let Some(Integer(session)) = entry.session {
             in_range(session, 0, &format!("part metadata, /{i}/session"))?;
         }
         let file = entry.file.clone();
@@ -350,7 +357,7 @@ fn assignments(files: &[File], metadata: Vec<FileMetadata>, query: &UploadQuery)
     for file in files {
         let entry = file.name.as_ref().and_then(|name| by_file.get(name));
         let own = entry.map(|(_, entry)| entry);
-        let number = own.and_then(|entry| entry.number).or_else(|| {
+        let number = own.and_then(|entry| entry.number).map(|Integer(n)| n).or_else(|| {
             let number = succession?;
             succession = Some(number + 1);
             Some(number)
@@ -371,7 +378,7 @@ fn assignments(files: &[File], metadata: Vec<FileMetadata>, query: &UploadQuery)
                 .mend("Give ?plant=ID, the plant that the trial was recorded on."));
             }
         };
-        let session = own.and_then(|entry| entry.session).or(query.session);
+        let session = own.and_then(|entry| entry.session).map(|Integer(s)| s).or(query.session);
         wanted.push(Wanted { plant, plant_at, number, session });
     }
     Ok(wanted)
