@@ -4,3 +4,4 @@
 pub mod frequency;
 pub mod pool;
 pub mod time;
+pub mod validation;

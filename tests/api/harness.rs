@@ -7,21 +7,19 @@ use serde_json::{Value, json};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
-use volition::api::{AppState, Limits, Wake, router};
+use volition::api::{AppState, Limits, router};
 use volition::jobs::Status;
 use volition::store::{Page, Store};
+use volition::worker::{Analyses, Worker, WorkerSettings};
 
 /// A running server.
 pub struct TestServer {
     pub address: SocketAddr,
     /// The store behind it, for playing the worker's part.
     pub store: Store,
-    /// How often the server woke its worker.
-    pub woken: Arc<AtomicUsize>,
     client: reqwest::Client,
     shutdown: CancellationToken,
     serving: JoinHandle<()>,
@@ -44,22 +42,15 @@ impl TestServer {
     pub async fn start_with(limits: Limits) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(Some(&folder.path().join("volition.db"))).await.unwrap();
-        let woken = Arc::new(AtomicUsize::new(0));
-        let counter = Arc::clone(&woken);
         let shutdown = CancellationToken::new();
-        let state = AppState::new(store.clone())
-            .with_limits(limits)
-            .with_wake(Wake::new(move || {
-                counter.fetch_add(1, Ordering::SeqCst);
-            }))
-            .with_shutdown(shutdown.clone());
+        let state = AppState::new(store.clone()).with_limits(limits).with_shutdown(shutdown.clone());
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let stop = shutdown.clone();
         let serving = tokio::spawn(async move {
             axum::serve(listener, router(state)).with_graceful_shutdown(stop.cancelled_owned()).await.unwrap();
         });
-        Self { address, store, woken, client: reqwest::Client::new(), shutdown, serving, folder: Some(folder) }
+        Self { address, store, client: reqwest::Client::new(), shutdown, serving, folder: Some(folder) }
     }
 
     /// Drains the server, and fails if an analysis is left queued or running.
@@ -162,6 +153,20 @@ impl TestServer {
         }
         census[4] = self.store.count_by_status().await.unwrap().iter().map(|(_, count)| *count as usize).sum();
         census
+    }
+
+    /// Lets a worker compute until nothing is queued or running.
+    pub async fn work(&self) {
+        let settings = WorkerSettings { compute_threads: 1, poll_s: 0.02, ..WorkerSettings::default() };
+        let worker = Worker::new(self.store.clone(), Arc::new(Analyses), settings).unwrap();
+        let stop = CancellationToken::new();
+        let idle = async {
+            while self.count(Status::Queued).await + self.count(Status::Running).await > 0 {
+                tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+            }
+            stop.cancel();
+        };
+        tokio::join!(worker.run(stop.clone()), idle);
     }
 
     /// How many analyses are in a status.

@@ -149,7 +149,8 @@ async fn forms_have_a_limit_of_files() {
 async fn a_body_that_stalls_is_given_up() {
     let limits = Limits { body_stall: Duration::from_millis(200), ..Limits::default() };
     let server = TestServer::start_with(limits).await;
-    let stalled = futures::stream::once(async { Ok::<_, std::io::Error>("{\"name\":") }).chain(futures::stream::pending());
+    let stalled =
+        futures::stream::once(async { Ok::<_, std::io::Error>("{\"name\":") }).chain(futures::stream::pending());
     let request = server.request("POST", "/v1/studies").header("content-type", "application/json");
     let answer = server.send(request.body(reqwest::Body::wrap_stream(stalled))).await;
     answer.problem(408, "deadline_exceeded");

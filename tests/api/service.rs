@@ -13,7 +13,9 @@ async fn unknown_routes_and_methods_are_problems() {
     server.get("/v1/studies/").await.problem(404, "not_found");
     let refused = server.send(server.request("PUT", "/v1/studies")).await;
     refused.problem(405, "method_not_allowed");
-    assert_eq!(refused.header("allow"), "GET,HEAD,POST");
+    let mut allowed: Vec<&str> = refused.header("allow").split(',').collect();
+    allowed.sort_unstable();
+    assert_eq!(allowed, ["GET", "HEAD", "POST"]);
     let head = server.send(server.request("HEAD", "/v1/studies")).await;
     assert_eq!((head.status.as_u16(), head.bytes.len()), (200, 0));
     server.finish().await;
@@ -63,7 +65,7 @@ async fn health_and_metrics() {
 #[tokio::test]
 async fn the_document_and_its_pages_come_from_here() {
     let server = TestServer::start().await;
-    assert_eq!(server.get("/openapi.json").await.text(), volition::api::document());
+    assert_eq!(server.get("/openapi.json").await.text(), volition::api::openapi_json());
     let page = server.get("/docs/").await;
     assert_eq!(page.status, 200);
     assert!(page.header("content-type").starts_with("text/html"));
@@ -79,7 +81,8 @@ async fn the_document_and_its_pages_come_from_here() {
 async fn a_body_that_breaks_off_stores_nothing() {
     let server = TestServer::start().await;
     let mut stream = TcpStream::connect(server.address).await.unwrap();
-    let head = "POST /v1/studies HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 50\r\n\r\n";
+    let head =
+        "POST /v1/studies HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: 50\r\n\r\n";
     stream.write_all(head.as_bytes()).await.unwrap();
     stream.write_all(b"{\"name\": \"half").await.unwrap();
     stream.shutdown().await.unwrap();

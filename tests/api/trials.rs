@@ -62,8 +62,7 @@ async fn signals_come_back_bit_for_bit() {
     assert_eq!(document["sample_time_s"], 0.01);
     assert!(document.get("t").is_none());
     for (name, column) in ["r", "u", "y", "d"].iter().zip(&columns) {
-        let back: Vec<u64> =
-            document[name].as_array().unwrap().iter().map(|x| x.as_f64().unwrap().to_bits()).collect();
+        let back: Vec<u64> = document[name].as_array().unwrap().iter().map(|x| x.as_f64().unwrap().to_bits()).collect();
         assert_eq!(back, column.iter().map(|x| x.to_bits()).collect::<Vec<_>>(), "{name}");
     }
     let answer = server.get(&signals).await;
