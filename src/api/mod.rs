@@ -32,7 +32,7 @@ pub mod subjects;
 pub mod trials;
 pub mod upload;
 
-pub use docs::openapi_json;
+pub use docs::document;
 pub use router::{openapi, router};
 pub use state::{AppState, Hosts, Limits};
 
