@@ -90,7 +90,7 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         Command::Migrate { database } => app::block_on(app::serve::migrate(&database)).map(|()| ExitCode::SUCCESS),
         Command::Openapi => {
             let mut out = std::io::stdout().lock();
-            writeln!(out, "{}", crate::api::openapi_json())?;
+            writeln!(out, "{}", crate::api::document())?;
             Ok(ExitCode::SUCCESS)
         }
         Command::Demo(args) => app::block_on(app::demo::demo(&args)),

@@ -3,7 +3,6 @@
 
 pub mod basis;
 pub mod frequency;
-
 pub mod pool;
 pub mod problem;
 pub mod search;
