@@ -47,6 +47,8 @@ enum Command {
     },
     /// Write the OpenAPI document to standard output.
     Openapi,
+    /// Simulate a study of two groups, identify every trial, and print the learning curves.
+    Demo(app::demo::DemoArgs),
     /// Import a folder of trials (CSV files with an index).
     Import(app::import::ImportArgs),
     /// Execute one analysis from a file, without a server: report on standard output, problems on standard error.
@@ -91,6 +93,7 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             writeln!(out, "{}", crate::api::document())?;
             Ok(ExitCode::SUCCESS)
         }
+        Command::Demo(args) => app::block_on(app::demo::demo(&args)),
         Command::Import(args) => app::block_on(app::import::import(&args)),
         Command::Run { spec, compute_threads } => app::run::run(&spec, compute_threads),
     }

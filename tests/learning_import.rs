@@ -5,10 +5,12 @@ use indicatif::ProgressBar;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use volition::app::import::index::{self, Condition};
 use volition::app::import::load::{
     Outcome, PlantOptions, TRIAL_COLUMNS, common_display_limit, find_or_create_study, load,
 };
+use volition::app::import::{ImportArgs, import as import_command};
 use volition::store::{Page, Store, Study, Subject, TrialRecord};
 
 const ALL: Page = Page { after: None, limit: 500 };
@@ -169,4 +171,32 @@ async fn real_people_are_imported_as_their_index_stands() {
         assert!(subject.attributes[TRIAL_COLUMNS]["31"]["protocol"].is_string());
     }
     store.close().await;
+}
+
+#[tokio::test]
+async fn the_command_says_by_its_exit_code_whether_anything_was_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a.csv"), recording(1.0)).unwrap();
+    std::fs::write(folder.path().join("index.csv"), "file,subject,trial,plant\na.csv,S,1,lab plant\n").unwrap();
+    std::fs::write(folder.path().join("model.json"), r#"{"num": [1], "den": [1, 0]}"#).unwrap();
+    let arguments = |plants: Vec<String>| ImportArgs {
+        folder: folder.path().to_owned(),
+        study: "lab".to_owned(),
+        database: folder.path().join("lab.db"),
+        index: None,
+        plants,
+        display_limit: None,
+        conditions: Vec::new(),
+    };
+    let code = |outcome: anyhow::Result<ExitCode>| format!("{:?}", outcome.unwrap());
+    let (refused, success) = (format!("{:?}", ExitCode::from(2)), format!("{:?}", ExitCode::SUCCESS));
+    assert_eq!(code(import_command(&arguments(Vec::new())).await), refused);
+    let model = folder.path().join("model.json");
+    assert_eq!(code(import_command(&arguments(vec![format!("lab plant={}", model.display())])).await), success);
+    // The same plant name with another model: what is stored was computed with the first one.
+    assert_eq!(code(import_command(&arguments(vec!["lab plant=1/(s+1)".to_owned()])).await), refused);
+    let unreadable = import_command(&arguments(vec!["lab plant=1/s(s+1)".to_owned()])).await.unwrap_err();
+    assert!(format!("{unreadable:#}").contains("parentheses"), "{unreadable:#}");
+    let limit = ImportArgs { display_limit: Some(-1.0), ..arguments(Vec::new()) };
+    assert!(import_command(&limit).await.unwrap_err().to_string().contains("-1"));
 }

@@ -77,7 +77,7 @@ fn code_and_title(error: &ReadError) -> (Code, &'static str) {
         ReadError::UnknownMember { .. } => (Code::Malformed, "unknown member"),
         ReadError::DuplicateMember { .. } => (Code::Malformed, "member named twice"),
         ReadError::MissingArrays { .. } => (Code::Malformed, "missing signal"),
-        ReadError::WrongType { .. } => (Code::BadSignal, "not a number"),
+        ReadError::WrongType { .. } => (Code::BadSignal, "wrong type of value"),
         ReadError::Trial { error, .. } => (Code::BadSignal, trial_title(error)),
     }
 }
@@ -89,6 +89,7 @@ fn trial_title(error: &TrialError) -> &'static str {
         TrialError::NotFinite { .. } => "not a finite number",
         TrialError::BadSampleTime(_) => "unusable sample time",
         TrialError::NoSampleTime => "no sample time",
+        TrialError::SampleTimes { .. } => "two sample times",
         TrialError::Time(TimeDefect::Reversed { .. }) => "time runs backwards",
         TrialError::Time(TimeDefect::Repeated { .. }) => "repeated time",
         TrialError::Time(TimeDefect::Gap { .. }) => "gap in the time column",
@@ -140,6 +141,7 @@ fn trial_advice(error: &TrialError) -> &'static str {
         TrialError::UnequalLengths { .. } => "Give every signal one value per sample.",
         TrialError::NotFinite { .. } => "Cut the trial where the recording failed.",
         TrialError::BadSampleTime(_) => "Give the time between samples in seconds.",
+        TrialError::SampleTimes { .. } => "Give it once.",
         TrialError::NoSampleTime => "Give a time column t, or the sample time in seconds (sample_time_s).",
         TrialError::Time(TimeDefect::Disagrees { .. }) => "Correct the sample time, or leave it out.",
         TrialError::Time(TimeDefect::TooCoarse { .. }) => {

@@ -31,7 +31,6 @@ pub async fn serve(serve: &ServeArgs, database: &DatabaseArgs, worker: &WorkerAr
     let address = listener.local_addr()?;
 
     let shutdown = stop_on_signal();
-    // The store itself wakes an embedded worker; workers in other processes poll.
     let state = AppState::new(store.clone()).with_limits(limits).with_shutdown(shutdown.clone());
     let listening = shutdown.clone();
     let server = tokio::spawn(async move {

@@ -21,6 +21,7 @@
 //! presets follow that. For his commands, which are not periodic, the two differ by less than 1 % of `H` (on a linear loop
 //! and the 60-s chirp: mean error 0.026 excluded, 0.023 included, both from leakage).
 
+mod error;
 mod estimate;
 mod excited;
 mod segments;
@@ -29,7 +30,8 @@ mod spectrum;
 mod variance;
 mod warnings;
 
-pub use estimate::{Estimate, FrequencyError, UsedSegment, VarianceSource, estimate, estimate_between};
+pub use error::FrequencyError;
+pub use estimate::{Estimate, UsedSegment, VarianceSource, estimate, estimate_between};
 pub use settings::{
     Average, Bounds, Channels, CheckedSettings, CountSegments, Detrend, EndSample, FrequencySettings, LengthSegments,
     Lines, Response, Segments, SettingsError, Stimulus, Window,

@@ -42,8 +42,8 @@ impl Store {
         let store = self.clone();
         let task = tokio::spawn(async move {
             let outcome = deletion.await?;
-            store.truncate_log().await;
-            store.scrub_soon().await;
+            store.inner().log_due.store(true, Ordering::SeqCst);
+            store.scrub_if_due().await;
             Ok(outcome)
         });
         match task.await {
@@ -82,26 +82,33 @@ impl Store {
         Ok(())
     }
 
-    /// Scrubs at once where that is quick, else in a while.
-    pub(super) async fn scrub_soon(&self) {
+    /// Clears traces away at once where that is quick, else in a while. After each deletion, and on the way of each rescue,
+    /// which pays what an earlier attempt could not.
+    pub(super) async fn scrub_if_due(&self) {
         match self.owes_and_is_small().await {
+            Ok((true, true)) => return self.scrub_or_warn().await,
             Ok((false, _)) => {}
-            Ok((true, true)) => self.scrub_or_warn().await,
             Ok((true, false)) => {
-                if self.inner().scrub_planned.swap(true, Ordering::SeqCst) {
-                    return;
+                if !self.inner().scrub_planned.swap(true, Ordering::SeqCst) {
+                    self.scrub_later();
                 }
-                let inner = self.downgrade();
-                tokio::spawn(async move {
-                    tokio::time::sleep(PAUSE).await;
-                    // Where nobody has the database open any more, the next to open it does it.
-                    let Some(store) = inner.upgrade().map(Self::from_inner) else { return };
-                    store.inner().scrub_planned.store(false, Ordering::SeqCst);
-                    store.scrub_or_warn().await;
-                });
             }
             Err(error) => tracing::warn!(%error, "traces of deletions could not be looked for; trying again later"),
         }
+        if self.inner().log_due.load(Ordering::SeqCst) {
+            self.truncate_log().await;
+        }
+    }
+
+    fn scrub_later(&self) {
+        let inner = self.downgrade();
+        tokio::spawn(async move {
+            tokio::time::sleep(PAUSE).await;
+            // Where nobody has the database open any more, the next to open it does it.
+            let Some(store) = inner.upgrade().map(Self::from_inner) else { return };
+            store.inner().scrub_planned.store(false, Ordering::SeqCst);
+            store.scrub_or_warn().await;
+        });
     }
 
     async fn scrub_or_warn(&self) {
@@ -113,14 +120,6 @@ impl Store {
     async fn owes_and_is_small(&self) -> StoreResult<(bool, bool)> {
         let mut connection = self.readers().acquire().await?;
         Ok((debt(&mut connection).await? > 0, size(&mut connection).await? <= AT_ONCE_BYTES))
-    }
-
-    /// What a rescue does on its way: pays what an earlier attempt could not.
-    pub(super) async fn scrub_if_due(&self) {
-        if self.inner().log_due.load(Ordering::SeqCst) {
-            self.truncate_log().await;
-        }
-        self.scrub_soon().await;
     }
 
     /// Folds the write-ahead log into the file and truncates it.

@@ -41,6 +41,14 @@ pub enum TrialError {
     /// Neither a time column nor a sample time.
     #[error("there is neither a time column t nor a sample time")]
     NoSampleTime,
+    /// The sample time is given twice, and differently.
+    #[error("the document says that the sample time is {document_s} s, and beside it {given_s} s was given")]
+    SampleTimes {
+        /// The document's.
+        document_s: f64,
+        /// The one given beside it.
+        given_s: f64,
+    },
     /// The time column is no uniform grid.
     #[error(transparent)]
     Time(#[from] TimeDefect),
@@ -51,7 +59,9 @@ impl TrialError {
     #[must_use]
     pub fn place(&self) -> (Option<Channel>, Option<usize>) {
         match self {
-            Self::TooFewSamples { .. } | Self::NoSampleTime | Self::BadSampleTime(_) => (None, None),
+            Self::TooFewSamples { .. } | Self::NoSampleTime | Self::BadSampleTime(_) | Self::SampleTimes { .. } => {
+                (None, None)
+            }
             Self::UnequalLengths { channel, .. } => (Some(*channel), None),
             Self::NotFinite { channel, sample, .. } => (Some(*channel), Some(*sample)),
             Self::Time(defect) => (Some(Channel::Time), defect.sample()),

@@ -75,11 +75,8 @@ impl Document {
         if let (Some(own), Some(given)) = (self.sample_time_s, given_s)
             && own != given
         {
-            return Err(ReadError::WrongType {
-                pointer: "/sample_time_s".to_owned(),
-                found: format!("{own}, and the sample time given beside the document is {given}"),
-                expected: "the same sample time",
-            });
+            let error = TrialError::SampleTimes { document_s: own, given_s: given };
+            return Err(ReadError::Trial { error, location: Some(Location::Pointer("/sample_time_s".to_owned())) });
         }
         let signals = Signals { time_s, command, control, output, disturbance };
         Trial::from_signals(self.sample_time_s.or(given_s), signals).map_err(|error| {

@@ -2,7 +2,7 @@
 //!
 //! [`Trial::new`] and [`Trial::from_signals`] are the only ways to a [`Trial`]: whoever holds one holds equally long
 //! columns of finite numbers on a uniform time grid. [`csv`] and [`json`] read trials within [`Limits`], [`gzip`]
-//! unpacks them on the way, and [`write`] writes them so that reading gives back the same bits.
+//! unpacks them on the way, and [`mod@write`] writes them so that reading gives back the same bits.
 
 pub mod csv;
 pub mod error;

@@ -65,6 +65,10 @@ impl Signals {
     }
 }
 
+/// Only this module can make one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Checked;
+
 /// A recorded trial whose columns are equally long, finite and equally spaced in time.
 ///
 /// Made by [`Trial::new`] and [`Trial::from_signals`] only, which refuse anything else.
@@ -75,7 +79,7 @@ pub struct Trial {
     /// The columns.
     pub signals: Signals,
     /// Keeps struct literals, which check nothing, out of other modules.
-    checked: (),
+    _checked: Checked,
 }
 
 impl Trial {
@@ -130,7 +134,7 @@ impl Trial {
             (None, Some(given_s)) => given_s,
             (None, None) => return Err(TrialError::NoSampleTime),
         };
-        Ok(Self { sample_time_s, signals, checked: () })
+        Ok(Self { sample_time_s, signals, _checked: Checked })
     }
 
     /// The number of samples.

@@ -280,7 +280,7 @@ async fn concurrent_claims_never_give_the_same_row_twice() {
 /// Two processes on one file are two stores on it.
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn two_stores_on_one_file_share_the_queue() {
-    let directory = tempfile::tempdir().unwrap();
+    let directory = directory();
     let path = directory.path().join("shared.db");
     let (one, two) = tokio::join!(Store::open(Some(&path)), Store::open(Some(&path)));
     let (one, two) = (one.unwrap(), two.unwrap());

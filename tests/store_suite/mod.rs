@@ -20,17 +20,25 @@ use volition::trial::{Signals, Trial};
 
 pub const EVERYTHING: Page = Page { after: None, limit: 1000 };
 
+/// A directory in memory where there is one: these tests write thousands of small transactions, each synced to disk.
+pub fn directory() -> tempfile::TempDir {
+    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
+}
+
 /// A store of its own, on a clock that stands still until it is moved.
 pub struct Bench {
     pub store: Store,
     now: Arc<AtomicI64>,
+    _directory: tempfile::TempDir,
 }
 
 impl Bench {
     pub async fn new() -> Self {
         let now = Arc::new(AtomicI64::new(1_790_000_000_000_000));
-        let store = Store::open_with_clock(None, Clock::Manual(Arc::clone(&now))).await.unwrap();
-        Self { store, now }
+        let directory = directory();
+        let path = directory.path().join("volition.db");
+        let store = Store::open_with_clock(Some(&path), Clock::Manual(Arc::clone(&now))).await.unwrap();
+        Self { store, now, _directory: directory }
     }
 
     pub fn pass(&self, seconds: f64) {
@@ -92,7 +100,7 @@ pub fn new_trial(plant: PlantId, number: i64) -> NewTrial {
         output: wave(0.9),
         disturbance: (number % 2 == 0).then(|| wave(0.1)),
     };
-    of_trial(plant, number, Trial { sample_time_s: 0.02, signals })
+    of_trial(plant, number, Trial::new(0.02, signals).unwrap())
 }
 
 pub fn of_trial(plant: PlantId, number: i64, trial: Trial) -> NewTrial {

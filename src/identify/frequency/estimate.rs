@@ -1,15 +1,14 @@
 //! The estimate: segments transformed at the lines, and averaged.
 
+use super::FrequencyData;
+use super::error::{FrequencyError, other};
 use super::excited::{excited_lines, strongest};
-use super::segments::{self, MIN_SAMPLES, Segment};
-use super::settings::{
-    Average, Channels, CheckedSettings, EndSample, FrequencySettings, Response, SettingsError, Stimulus,
-};
+use super::segments::{self, Segment};
+use super::settings::{Channels, CheckedSettings, EndSample, FrequencySettings, Response, Stimulus};
 use super::spectrum::{direct_transform, grid_transform, line_power, prepare};
 use super::variance::{average, coherence, dark_lines, noise_power};
-use super::warnings::{EstimateWarning, hertz, is_periodic};
-use super::{FrequencyData, Window};
-use crate::num::{Ctl, Stopped};
+use super::warnings::{EstimateWarning, is_periodic};
+use crate::num::Ctl;
 use crate::trial::Trial;
 use num_complex::Complex64;
 use rayon::prelude::*;
@@ -21,154 +20,10 @@ use std::f64::consts::PI;
 const SAMPLE_TIME_TOLERANCE: f64 = 1e-6;
 
 /// A line counts as on the grid up to this fraction of the grid's step.
-const GRID_TOLERANCE: f64 = 1e-3;
+pub(super) const GRID_TOLERANCE: f64 = 1e-3;
 
 /// An amplitude below this fraction of the signal's largest value is the rounding of the transform, not a signal.
 const ZERO_AMPLITUDE: f64 = 1e-10;
-
-/// Averages below this number leave the variance itself uncertain by more than a third.
-const FEW_AVERAGES: usize = 10;
-
-/// Why there is no estimate. Trials and segments count from 0 here, and from 1 in the texts.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum FrequencyError {
-    /// Somebody asked it to stop.
-    #[error(transparent)]
-    Stopped(#[from] Stopped),
-    /// A setting cannot be.
-    #[error(transparent)]
-    Settings(#[from] SettingsError),
-    /// There is no trial.
-    #[error("there is no trial")]
-    NoTrial,
-    /// Trials with different sample times are not averaged.
-    #[error(
-        "trial {} has a sample time of {sample_time_s} s, trial 1 of {first_s} s; only trials with equal sample times are combined",
-        .trial + 1
-    )]
-    SampleTimesDiffer {
-        /// The trial.
-        trial: usize,
-        /// Its sample time.
-        sample_time_s: f64,
-        /// That of the first trial.
-        first_s: f64,
-    },
-    /// Lines that a sampled signal does not have.
-    #[error(
-        "the line {frequency_hz} Hz is at or above the Nyquist frequency, {nyquist_hz} Hz at the sample time of {sample_time_s} s"
-    )]
-    LineAboveNyquist {
-        /// Position of the line.
-        line: usize,
-        /// The line.
-        frequency_hz: f64,
-        /// Half the sampling rate.
-        nyquist_hz: f64,
-        /// The sample time.
-        sample_time_s: f64,
-    },
-    /// A segment that the record does not hold.
-    #[error(
-        "segment {} runs from {start_s} s to {end_s} s, and the record of trial {} ends at {record_s} s",
-        .segment + 1, .trial + 1
-    )]
-    SegmentOutside {
-        /// The trial.
-        trial: usize,
-        /// The segment.
-        segment: usize,
-        /// Its start.
-        start_s: f64,
-        /// Its end.
-        end_s: f64,
-        /// Number of samples times the sample time.
-        record_s: f64,
-    },
-    /// A segment of hardly any samples.
-    #[error(
-        "segment {} of trial {} has {samples} samples, and needs at least {MIN_SAMPLES}",
-        .segment + 1, .trial + 1
-    )]
-    SegmentTooShort {
-        /// The trial.
-        trial: usize,
-        /// The segment.
-        segment: usize,
-        /// Its samples.
-        samples: usize,
-    },
-    /// Excited lines are lines of one grid, which segments of different lengths do not have.
-    #[error(
-        "segment {} of trial {} has {samples} samples, the first segment {first}; excited lines are looked for on one grid",
-        .segment + 1, .trial + 1
-    )]
-    UnequalSegments {
-        /// The trial.
-        trial: usize,
-        /// The segment.
-        segment: usize,
-        /// Its samples.
-        samples: usize,
-        /// Samples of the first segment.
-        first: usize,
-    },
-    /// The disturbance is the input, and was not recorded.
-    #[error("trial {} has no disturbance column", .trial + 1)]
-    NoDisturbance {
-        /// The trial.
-        trial: usize,
-    },
-    /// The input has no power at any line.
-    #[error("{}", no_power_text(*.trial, *.input, *.other_has_power))]
-    NoPower {
-        /// The trial.
-        trial: usize,
-        /// The input.
-        input: Stimulus,
-        /// Whether the other stimulus was recorded and moves.
-        other_has_power: bool,
-    },
-    /// No line of the grid is excited (within the band).
-    #[error("the {} excites no line{}", name(*.input), band_text(*.band_hz))]
-    NothingExcited {
-        /// The input.
-        input: Stimulus,
-        /// The band.
-        band_hz: Option<[f64; 2]>,
-    },
-}
-
-fn name(stimulus: Stimulus) -> &'static str {
-    match stimulus {
-        Stimulus::Command => "command",
-        Stimulus::Disturbance => "disturbance",
-    }
-}
-
-fn other(stimulus: Stimulus) -> Stimulus {
-    match stimulus {
-        Stimulus::Command => Stimulus::Disturbance,
-        Stimulus::Disturbance => Stimulus::Command,
-    }
-}
-
-fn no_power_text(trial: usize, input: Stimulus, other_has_power: bool) -> String {
-    let (input, other) = (name(input), name(other(input)));
-    let which = trial + 1;
-    let end = if other_has_power {
-        format!("; its {other} does, so this trial informs only the response to the {other}")
-    } else {
-        String::new()
-    };
-    format!(
-        "the {input} of trial {which} carries no power at any of the lines, so the response to it cannot be identified{end}"
-    )
-}
-
-fn band_text(band_hz: Option<[f64; 2]>) -> String {
-    band_hz.map_or_else(String::new, |[low, high]| format!(" from {low} to {high} Hz"))
-}
 
 /// A segment that went into an estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -294,32 +149,32 @@ pub fn estimate_between(
 }
 
 /// A segment of a trial.
-struct Piece {
-    trial: usize,
-    segment: Segment,
+pub(super) struct Piece {
+    pub trial: usize,
+    pub segment: Segment,
 }
 
 /// A segment at the lines.
-struct Transformed {
+pub(super) struct Transformed {
     /// `(R, Y)`; `None` where the input has no power.
-    pairs: Vec<Option<(Complex64, Complex64)>>,
+    pub pairs: Vec<Option<(Complex64, Complex64)>>,
     /// Input power at the lines, and of its strongest line.
-    power: Vec<f64>,
-    strongest: f64,
+    pub power: Vec<f64>,
+    pub strongest: f64,
     /// Lines on which the other stimulus has power too.
-    shared: Vec<bool>,
-    periodic: bool,
+    pub shared: Vec<bool>,
+    pub periodic: bool,
     /// `S/|R|²` at the lines, for a single segment.
     nearby_variance: Vec<Option<f64>>,
 }
 
-struct Job<'a> {
-    trials: &'a [&'a Trial],
-    settings: &'a CheckedSettings,
-    channels: Channels,
-    pieces: Vec<Piece>,
+pub(super) struct Job<'a> {
+    pub trials: &'a [&'a Trial],
+    pub settings: &'a CheckedSettings,
+    pub channels: Channels,
+    pub pieces: Vec<Piece>,
     /// Samples at the end of trials that are in no segment, the largest number.
-    unused: usize,
+    pub unused: usize,
 }
 
 impl<'a> Job<'a> {
@@ -545,161 +400,10 @@ impl<'a> Job<'a> {
             samples: piece.segment.samples,
         }
     }
-
-    fn label(&self, piece: &Piece) -> String {
-        if self.trials.len() == 1 {
-            format!("segment {}", piece.segment.number + 1)
-        } else {
-            format!("segment {} of trial {}", piece.segment.number + 1, piece.trial + 1)
-        }
-    }
-
-    fn warnings(&self, estimate: &Estimate, transformed: &[Transformed]) -> Vec<EstimateWarning> {
-        let mut warnings = Vec::new();
-        self.warn_of_power(estimate, transformed, &mut warnings);
-        self.warn_of_leakage(estimate, transformed, &mut warnings);
-        let n = transformed.len();
-        if n < FEW_AVERAGES {
-            let uncertain = match n {
-                1 => "one segment was transformed: nothing was averaged, and no variance comes from repetition"
-                    .to_owned(),
-                _ => format!(
-                    "{n} segments were averaged: the variances have a standard error of {:.0} % themselves",
-                    100.0 / ((n - 1) as f64).sqrt()
-                ),
-            };
-            warnings.push(EstimateWarning::new("few_averages", uncertain));
-        }
-        let unknown: Vec<f64> =
-            chosen(estimate, |line| estimate.h[line].is_some() && estimate.variance[line].is_none());
-        if !unknown.is_empty() {
-            let reason = if n >= 2 {
-                "only one segment has power there"
-            } else if self.settings.end_sample == EndSample::Included {
-                "there is one segment, and with its end sample it has no grid on which noise could be told from signal"
-            } else {
-                "there is one segment, and fewer than four nearby lines of its grid are without a stimulus"
-            };
-            let message = format!("the variance is unknown at {}: {reason}", hertz(&unknown));
-            warnings.push(EstimateWarning::new("variance_unknown", message));
-        }
-        if let Some(piece) = self.pieces.iter().find(|piece| piece.segment.end_sample_missing) {
-            let message = format!("the record ends before the end sample of {}, which was left out", self.label(piece));
-            warnings.push(EstimateWarning::new("segment_truncated", message));
-        }
-        if self.unused > 0 {
-            let message = format!(
-                "the last {} s of the record are in no segment, since no whole one fits",
-                self.unused as f64 * self.trials[0].sample_time_s
-            );
-            warnings.push(EstimateWarning::new("segment_truncated", message));
-        }
-        let close = estimate
-            .frequency_hz
-            .windows(2)
-            .filter(|pair| pair[1] - pair[0] < (1.0 - GRID_TOLERANCE) * estimate.resolution_hz)
-            .count();
-        if close > 0 {
-            let message = format!(
-                "{close} lines are closer to the next one than the resolution of {} Hz: they are no independent data",
-                estimate.resolution_hz
-            );
-            warnings.push(EstimateWarning::new("lines_closer_than_resolution", message));
-        }
-        warnings
-    }
-
-    fn warn_of_power(&self, estimate: &Estimate, transformed: &[Transformed], warnings: &mut Vec<EstimateWarning>) {
-        let input = name(self.channels.input);
-        let code = match self.channels.input {
-            Stimulus::Command => "command_without_power",
-            Stimulus::Disturbance => "disturbance_without_power",
-        };
-        let threshold = self.settings.settings().power_threshold;
-        let none: Vec<f64> = chosen(estimate, |line| estimate.h[line].is_none());
-        if !none.is_empty() {
-            let message = format!("the {input} has no power at {}: there is no response to estimate", hertz(&none));
-            warnings.push(EstimateWarning::new(code, message));
-        }
-        let strongest = transformed.iter().map(|t| t.strongest).sum::<f64>() / transformed.len() as f64;
-        let weak = |line: usize| estimate.h[line].is_some() && estimate.input_power[line] < threshold * strongest;
-        let weak_lines = chosen(estimate, weak);
-        if !weak_lines.is_empty() {
-            let message = format!(
-                "the {input} has less than {threshold} of the power of its strongest line at {}: what is estimated there \
-                 is mostly noise and leakage",
-                hertz(&weak_lines)
-            );
-            warnings.push(EstimateWarning::new(code, message));
-        }
-        if self.settings.settings().average == Average::Ratios {
-            // A mean of ratios takes a segment without power as seriously as any other.
-            for (piece, t) in self.pieces.iter().zip(transformed) {
-                let here = chosen(estimate, |line| {
-                    !weak(line) && estimate.h[line].is_some() && t.power[line] < threshold * t.strongest
-                });
-                if !here.is_empty() {
-                    let message = format!(
-                        "in {} the {input} has less than {threshold} of the power of its strongest line at {}, and its \
-                         ratios there count as much as those of the other segments",
-                        self.label(piece),
-                        hertz(&here)
-                    );
-                    warnings.push(EstimateWarning::new(code, message));
-                    break;
-                }
-            }
-        }
-        let shared = chosen(estimate, |line| transformed.iter().any(|t| t.shared[line]));
-        if !shared.is_empty() {
-            let other = name(other(self.channels.input));
-            let message = format!(
-                "the {other} has power at {} too: part of what answers there answers to the {other}",
-                hertz(&shared)
-            );
-            warnings.push(EstimateWarning::new("other_stimulus_on_line", message));
-        }
-    }
-
-    fn warn_of_leakage(&self, estimate: &Estimate, transformed: &[Transformed], warnings: &mut Vec<EstimateWarning>) {
-        if self.settings.settings().window != Window::Rectangular {
-            return;
-        }
-        let off = chosen(estimate, |line| {
-            let frequency = estimate.frequency_hz[line];
-            estimate.segments.iter().any(|segment| on_grid(frequency, segment.length_s).is_none())
-        });
-        if !off.is_empty() {
-            let message = format!(
-                "{} are no multiples of the resolution of {} Hz: neighbouring lines leak into them",
-                hertz(&off),
-                estimate.resolution_hz
-            );
-            warnings.push(EstimateWarning::new("leakage", message));
-        }
-        let rough: Vec<&Piece> =
-            self.pieces.iter().zip(transformed).filter(|(_, t)| !t.periodic).map(|(piece, _)| piece).collect();
-        if let Some(piece) = rough.first() {
-            let message = format!(
-                "the {} is not periodic with the segment ({} of {} segments, first {}): transients leak into all lines, and \
-                 the response is biased even without noise",
-                name(self.channels.input),
-                rough.len(),
-                self.pieces.len(),
-                self.label(piece)
-            );
-            warnings.push(EstimateWarning::new("leakage", message));
-        }
-    }
-}
-
-/// The frequencies of the lines that are meant.
-fn chosen(estimate: &Estimate, meant: impl Fn(usize) -> bool) -> Vec<f64> {
-    (0..estimate.frequency_hz.len()).filter(|line| meant(*line)).map(|line| estimate.frequency_hz[line]).collect()
 }
 
 /// The grid line that a frequency is, if it is one.
-fn on_grid(frequency_hz: f64, length_s: f64) -> Option<usize> {
+pub(super) fn on_grid(frequency_hz: f64, length_s: f64) -> Option<usize> {
     let cycles = frequency_hz * length_s;
     ((cycles - cycles.round()).abs() <= GRID_TOLERANCE).then_some(cycles.round() as usize)
 }

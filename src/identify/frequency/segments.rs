@@ -1,6 +1,6 @@
 //! Where the segments of a trial lie, in samples.
 
-use super::estimate::FrequencyError;
+use super::error::FrequencyError;
 use super::settings::{Bounds, CheckedSettings, CountSegments, EndSample, LengthSegments, Segments};
 use crate::trial::Trial;
 
@@ -89,5 +89,5 @@ pub(super) fn place(
 /// The nearest whole number of samples, where it is one that a record can have.
 fn whole(samples: f64) -> Option<usize> {
     let rounded = samples.round();
-    (rounded >= 0.0 && rounded < 1e15).then_some(rounded as usize)
+    (0.0..1e15).contains(&rounded).then_some(rounded as usize)
 }

@@ -1,6 +1,12 @@
 //! What a scientist must read before using frequency data.
 
+use super::error::{name, other};
+use super::estimate::{Estimate, GRID_TOLERANCE, Job, Piece, Transformed, on_grid};
 use super::segments::Segment;
+use super::settings::{Average, EndSample, Stimulus, Window};
+
+/// Averages below this number leave the variance itself uncertain by a third or more.
+const FEW_AVERAGES: usize = 10;
 
 /// A finding about an estimate.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -67,4 +73,157 @@ pub(super) fn hertz(frequency_hz: &[f64]) -> String {
     let named: Vec<String> = frequency_hz.iter().take(NAMED).map(|f| format!("{}", (f * 1e6).round() / 1e6)).collect();
     let more = frequency_hz.len().saturating_sub(NAMED);
     if more > 0 { format!("{} Hz and {more} more", named.join(", ")) } else { format!("{} Hz", named.join(", ")) }
+}
+
+impl Job<'_> {
+    fn label(&self, piece: &Piece) -> String {
+        if self.trials.len() == 1 {
+            format!("segment {}", piece.segment.number + 1)
+        } else {
+            format!("segment {} of trial {}", piece.segment.number + 1, piece.trial + 1)
+        }
+    }
+
+    pub(super) fn warnings(&self, estimate: &Estimate, transformed: &[Transformed]) -> Vec<EstimateWarning> {
+        let mut warnings = Vec::new();
+        self.warn_of_power(estimate, transformed, &mut warnings);
+        self.warn_of_leakage(estimate, transformed, &mut warnings);
+        let n = transformed.len();
+        if n < FEW_AVERAGES {
+            let uncertain = match n {
+                1 => "one segment was transformed: nothing was averaged, and no variance comes from repetition"
+                    .to_owned(),
+                _ => format!(
+                    "{n} segments were averaged: the variances have a standard error of {:.0} % themselves",
+                    100.0 / ((n - 1) as f64).sqrt()
+                ),
+            };
+            warnings.push(EstimateWarning::new("few_averages", uncertain));
+        }
+        let unknown: Vec<f64> =
+            chosen(estimate, |line| estimate.h[line].is_some() && estimate.variance[line].is_none());
+        if !unknown.is_empty() {
+            let reason = if n >= 2 {
+                "only one segment has power there"
+            } else if self.settings.end_sample == EndSample::Included {
+                "there is one segment, and with its end sample it has no grid on which noise could be told from signal"
+            } else {
+                "there is one segment, and fewer than four nearby lines of its grid are without a stimulus"
+            };
+            let message = format!("the variance is unknown at {}: {reason}", hertz(&unknown));
+            warnings.push(EstimateWarning::new("variance_unknown", message));
+        }
+        if let Some(piece) = self.pieces.iter().find(|piece| piece.segment.end_sample_missing) {
+            let message = format!("the record ends before the end sample of {}, which was left out", self.label(piece));
+            warnings.push(EstimateWarning::new("segment_truncated", message));
+        }
+        if self.unused > 0 {
+            let message = format!(
+                "the last {} s of the record are in no segment, since no whole one fits",
+                self.unused as f64 * self.trials[0].sample_time_s
+            );
+            warnings.push(EstimateWarning::new("segment_truncated", message));
+        }
+        let close = estimate
+            .frequency_hz
+            .windows(2)
+            .filter(|pair| pair[1] - pair[0] < (1.0 - GRID_TOLERANCE) * estimate.resolution_hz)
+            .count();
+        if close > 0 {
+            let message = format!(
+                "{close} lines are closer to the next one than the resolution of {} Hz: they are no independent data",
+                estimate.resolution_hz
+            );
+            warnings.push(EstimateWarning::new("lines_closer_than_resolution", message));
+        }
+        warnings
+    }
+
+    fn warn_of_power(&self, estimate: &Estimate, transformed: &[Transformed], warnings: &mut Vec<EstimateWarning>) {
+        let input = name(self.channels.input);
+        let code = match self.channels.input {
+            Stimulus::Command => "command_without_power",
+            Stimulus::Disturbance => "disturbance_without_power",
+        };
+        let threshold = self.settings.settings().power_threshold;
+        let none: Vec<f64> = chosen(estimate, |line| estimate.h[line].is_none());
+        if !none.is_empty() {
+            let message = format!("the {input} has no power at {}: there is no response to estimate", hertz(&none));
+            warnings.push(EstimateWarning::new(code, message));
+        }
+        let strongest = transformed.iter().map(|t| t.strongest).sum::<f64>() / transformed.len() as f64;
+        let weak = |line: usize| estimate.h[line].is_some() && estimate.input_power[line] < threshold * strongest;
+        let weak_lines = chosen(estimate, weak);
+        if !weak_lines.is_empty() {
+            let message = format!(
+                "the {input} has less than {threshold} of the power of its strongest line at {}: what is estimated there \
+                 is mostly noise and leakage",
+                hertz(&weak_lines)
+            );
+            warnings.push(EstimateWarning::new(code, message));
+        }
+        if self.settings.settings().average == Average::Ratios {
+            // A mean of ratios takes a segment without power as seriously as any other.
+            for (piece, t) in self.pieces.iter().zip(transformed) {
+                let here = chosen(estimate, |line| {
+                    !weak(line) && estimate.h[line].is_some() && t.power[line] < threshold * t.strongest
+                });
+                if !here.is_empty() {
+                    let message = format!(
+                        "in {} the {input} has less than {threshold} of the power of its strongest line at {}, and its \
+                         ratios there count as much as those of the other segments",
+                        self.label(piece),
+                        hertz(&here)
+                    );
+                    warnings.push(EstimateWarning::new(code, message));
+                    break;
+                }
+            }
+        }
+        let shared = chosen(estimate, |line| transformed.iter().any(|t| t.shared[line]));
+        if !shared.is_empty() {
+            let other = name(other(self.channels.input));
+            let message = format!(
+                "the {other} has power at {} too: part of what answers there answers to the {other}",
+                hertz(&shared)
+            );
+            warnings.push(EstimateWarning::new("other_stimulus_on_line", message));
+        }
+    }
+
+    fn warn_of_leakage(&self, estimate: &Estimate, transformed: &[Transformed], warnings: &mut Vec<EstimateWarning>) {
+        if self.settings.settings().window != Window::Rectangular {
+            return;
+        }
+        let off = chosen(estimate, |line| {
+            let frequency = estimate.frequency_hz[line];
+            estimate.segments.iter().any(|segment| on_grid(frequency, segment.length_s).is_none())
+        });
+        if !off.is_empty() {
+            let message = format!(
+                "{} are no multiples of the resolution of {} Hz: neighbouring lines leak into them",
+                hertz(&off),
+                estimate.resolution_hz
+            );
+            warnings.push(EstimateWarning::new("leakage", message));
+        }
+        let rough: Vec<&Piece> =
+            self.pieces.iter().zip(transformed).filter(|(_, t)| !t.periodic).map(|(piece, _)| piece).collect();
+        if let Some(piece) = rough.first() {
+            let message = format!(
+                "the {} is not periodic with the segment ({} of {} segments, first {}): transients leak into all lines, and \
+                 the response is biased even without noise",
+                name(self.channels.input),
+                rough.len(),
+                self.pieces.len(),
+                self.label(piece)
+            );
+            warnings.push(EstimateWarning::new("leakage", message));
+        }
+    }
+}
+
+/// The frequencies of the lines that are meant.
+fn chosen(estimate: &Estimate, meant: impl Fn(usize) -> bool) -> Vec<f64> {
+    (0..estimate.frequency_hz.len()).filter(|line| meant(*line)).map(|line| estimate.frequency_hz[line]).collect()
 }

@@ -1,7 +1,8 @@
 //! The feedback controllers of a pool: a table that is walked, never stored.
 
 use super::factor::Factor;
-use super::routh::{self, LANES};
+use super::routh;
+use crate::identify::time::multiply;
 use crate::num::{Ctl, Stopped};
 use rayon::prelude::*;
 
@@ -39,6 +40,27 @@ pub struct Feedback {
     pub gain: f64,
     /// Position of the gain in the list; `None` for zero feedback.
     pub gain_position: Option<usize>,
+}
+
+/// Stable controllers that share denominator and numerator, in order.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Row<'a> {
+    /// Position of the denominator.
+    pub denominator: usize,
+    /// Position of the numerator; `None` for zero feedback.
+    pub numerator: Option<usize>,
+    /// The factors in front of the numerator; a single 0 for zero feedback.
+    pub gains: &'a [f64],
+    /// Their positions in the list of gains; empty for zero feedback.
+    positions: &'a [usize],
+}
+
+impl Row<'_> {
+    fn get(&self, i: usize) -> Option<Feedback> {
+        let gain = *self.gains.get(i)?;
+        let Self { denominator, numerator, .. } = *self;
+        Some(Feedback { denominator, numerator, gain, gain_position: self.positions.get(i).copied() })
+    }
 }
 
 /// The feedback part of a pool, on a plant: every `gain · numerator / denominator` whose closed loop is stable.
@@ -97,8 +119,8 @@ impl FeedbackTable {
             .into_par_iter()
             .map(|block| {
                 let mut count = 0;
-                table.walk(block, ctl, |_| {
-                    count += 1;
+                table.walk(block, ctl, |row| {
+                    count += row.gains.len() as u64;
                     Ok(())
                 })?;
                 Ok(count)
@@ -152,16 +174,6 @@ impl FeedbackTable {
         &self.gains
     }
 
-    /// Numerator and denominator coefficients of a controller, descending powers.
-    #[must_use]
-    pub fn coefficients(&self, feedback: Feedback) -> (Vec<f64>, Vec<f64>) {
-        let denominator = self.denominators[feedback.denominator].coefficients.clone();
-        let numerator = feedback
-            .numerator
-            .map_or_else(|| vec![0.0], |i| self.numerators[i].coefficients.iter().map(|c| feedback.gain * c).collect());
-        (numerator, denominator)
-    }
-
     /// The controller at a position.
     ///
     /// # Panics
@@ -174,12 +186,12 @@ impl FeedbackTable {
         let mut found = None;
         let never = Ctl::new();
         // The walk ends early by the only error that it knows.
-        let _ = self.walk(block, &never, |feedback| {
-            if left == 0 {
+        let _ = self.walk(block, &never, |row| {
+            if let Some(feedback) = row.get(left as usize) {
                 found = Some(feedback);
                 return Err(Stopped(crate::num::StopReason::Cancelled));
             }
-            left -= 1;
+            left -= row.gains.len() as u64;
             Ok(())
         });
         match found {
@@ -188,13 +200,13 @@ impl FeedbackTable {
         }
     }
 
-    /// Visits the stable controllers of a block in order.
+    /// Visits the rows of a block in order, without those that have no stable controller.
     ///
     /// # Errors
     /// [`Stopped`] when `ctl` or the visitor says so.
     pub fn walk<F>(&self, block: usize, ctl: &Ctl, mut visit: F) -> Result<(), Stopped>
     where
-        F: FnMut(Feedback) -> Result<(), Stopped>,
+        F: FnMut(Row<'_>) -> Result<(), Stopped>,
     {
         let per_denominator = self.numerators.len() + usize::from(self.zero);
         let first = block * self.rows_per_block;
@@ -202,34 +214,33 @@ impl FeedbackTable {
         let mut opened = None;
         let mut base = Vec::new();
         let mut tests = 0;
+        let mut scaled = vec![0.0; self.gains.len()];
+        let mut gains = Vec::with_capacity(self.gains.len());
+        let mut positions = Vec::with_capacity(self.gains.len());
         for row in first..last {
             let (denominator, slot) = (row / per_denominator, row % per_denominator);
             if opened != Some(denominator) {
-                base = super::super::time::multiply(&self.plant.0, &self.denominators[denominator].mapped);
+                base = multiply(&self.plant.0, &self.denominators[denominator].mapped);
                 opened = Some(denominator);
             }
             if self.zero && slot == 0 {
-                let nothing = vec![0.0; base.len()];
-                if routh::stable(&base[self.padding..], &nothing[self.padding..], &[0.0; LANES])[0] {
-                    visit(Feedback { denominator, numerator: None, gain: 0.0, gain_position: None })?;
+                if routh::stable(&base[self.padding..]) {
+                    visit(Row { denominator, numerator: None, gains: &[0.0], positions: &[] })?;
                 }
                 continue;
             }
             let numerator = slot - usize::from(self.zero);
             let Some(unit) = self.unit(denominator, numerator) else { continue };
-            let step = super::super::time::multiply(&self.plant.1, &self.numerators[numerator].mapped);
-            for (chunk, listed) in self.gains.chunks(LANES).enumerate() {
-                let mut gains = [0.0; LANES];
-                for (gain, value) in gains.iter_mut().zip(listed) {
-                    *gain = value * unit;
-                }
-                let stable = routh::stable(&base[self.padding..], &step[self.padding..], &gains);
-                for (lane, gain) in gains.iter().enumerate().take(listed.len()) {
-                    if stable[lane] {
-                        let gain_position = Some(chunk * LANES + lane);
-                        visit(Feedback { denominator, numerator: Some(numerator), gain: *gain, gain_position })?;
-                    }
-                }
+            let step = multiply(&self.plant.1, &self.numerators[numerator].mapped);
+            scaled.iter_mut().zip(&self.gains).for_each(|(scaled, gain)| *scaled = gain * unit);
+            gains.clear();
+            positions.clear();
+            routh::stable_gains(&base[self.padding..], &step[self.padding..], &scaled, |i| {
+                gains.push(scaled[i]);
+                positions.push(i);
+            });
+            if !gains.is_empty() {
+                visit(Row { denominator, numerator: Some(numerator), gains: &gains, positions: &positions })?;
             }
             tests += self.gains.len();
             if tests > TESTS_PER_CHECK {

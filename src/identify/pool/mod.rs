@@ -33,19 +33,26 @@ pub struct Pool {
     size: u64,
 }
 
-/// One candidate of a pool.
+/// One candidate of a pool: everything but the feedforward numerator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
-    /// Position of the feedforward denominator.
+    /// Feedforward denominator, descending powers, monic.
+    pub feedforward_denominator: Vec<f64>,
+    /// Feedback numerator before its gain, descending powers.
+    pub feedback_numerator: Vec<f64>,
+    /// The gain in front of it; 0 for no feedback.
+    pub feedback_gain: f64,
+    /// Feedback denominator, descending powers, monic.
+    pub feedback_denominator: Vec<f64>,
+}
+
+/// Where a candidate stands in the lists of its pool.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Position {
+    /// Position of the feedforward denominator among the stable ones.
     pub feedforward: usize,
     /// The feedback controller.
     pub feedback: Feedback,
-    /// Feedforward denominator, descending powers, monic.
-    pub feedforward_denominator: Vec<f64>,
-    /// Feedback numerator, descending powers.
-    pub feedback_numerator: Vec<f64>,
-    /// Feedback denominator, descending powers, monic.
-    pub feedback_denominator: Vec<f64>,
 }
 
 impl Pool {
@@ -79,23 +86,28 @@ impl Pool {
         &self.feedback
     }
 
-    /// The candidate with an index.
+    /// Where the candidate with an index stands.
     ///
     /// # Panics
     /// If there is none, which is a mistake of the caller.
     #[must_use]
-    pub fn candidate(&self, index: u64) -> Candidate {
+    pub fn position(&self, index: u64) -> Position {
         assert!(index < self.size, "candidate {index} of {}", self.size);
         let count = self.feedforward.len() as u64;
-        let feedforward = (index % count) as usize;
-        let feedback = self.feedback.get(index / count);
-        let (feedback_numerator, feedback_denominator) = self.feedback.coefficients(feedback);
+        Position { feedforward: (index % count) as usize, feedback: self.feedback.get(index / count) }
+    }
+
+    /// The candidate at a position.
+    #[must_use]
+    pub fn candidate(&self, position: Position) -> Candidate {
+        let Position { feedforward, feedback } = position;
         Candidate {
-            feedforward,
-            feedback,
             feedforward_denominator: self.feedforward[feedforward].coefficients.clone(),
-            feedback_numerator,
-            feedback_denominator,
+            feedback_numerator: feedback
+                .numerator
+                .map_or_else(|| vec![1.0], |i| self.feedback.numerators()[i].coefficients.clone()),
+            feedback_gain: feedback.gain,
+            feedback_denominator: self.feedback.denominators()[feedback.denominator].coefficients.clone(),
         }
     }
 }

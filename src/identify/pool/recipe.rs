@@ -4,7 +4,7 @@ use super::Pool;
 use super::factor::Factor;
 use super::feedback::{FeedbackTable, Normalisation};
 use super::roots::RootPair;
-use super::routh::{self, LANES, LARGEST_DEGREE};
+use super::routh::{self, LARGEST_DEGREE};
 use super::spec::{PoolSpecError, refuse};
 use crate::control::System;
 use crate::identify::time::{Region, Time};
@@ -277,10 +277,7 @@ impl Recipe {
             .feedforward
             .factors(region, self.feedforward_denominator_degree)
             .into_iter()
-            .filter(|factor| {
-                let nothing = vec![0.0; factor.mapped.len()];
-                routh::stable(&factor.mapped, &nothing, &[0.0; LANES])[0]
-            })
+            .filter(|factor| routh::stable(&factor.mapped))
             .collect();
         if feedforward.is_empty() {
             return Err(PoolError::NoFeedforward(self.feedforward.len()));

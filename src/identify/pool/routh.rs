@@ -1,10 +1,10 @@
 //! Routh's criterion on several gains at once.
 
-/// Gains tested together.
-pub(super) const LANES: usize = 8;
-
 /// The largest degree of a closed-loop polynomial.
 pub const LARGEST_DEGREE: usize = 24;
+
+/// Gains tested together.
+const LANES: usize = 8;
 
 /// An entry of the first column counts as positive above this share of the coefficient that it was computed from.
 ///
@@ -12,47 +12,91 @@ pub const LARGEST_DEGREE: usize = 24;
 /// of either sign. The boundary does not belong to the region, so rounding must not let it in.
 const POSITIVE: f64 = 1e-12;
 
-/// For each gain g, whether `base + g·step` has all of its roots in the open left half plane.
+/// Whether a polynomial (descending powers) has all of its roots in the open left half plane; see [`stable_gains`].
+pub(super) fn stable(polynomial: &[f64]) -> bool {
+    let mut found = false;
+    stable_gains(polynomial, &vec![0.0; polynomial.len()], &[0.0], |_| found = true);
+    found
+}
+
+/// Calls `visit` with the position of each gain g for which `base + g·step` has all of its roots in the open left half plane, in
+/// order.
 ///
 /// Both polynomials have descending powers and the same length; a vanishing leading coefficient (a root at infinity)
 /// counts as outside. The sign of the whole polynomial does not matter.
-pub(super) fn stable(base: &[f64], step: &[f64], gains: &[f64; LANES]) -> [bool; LANES] {
-    let n = base.len() - 1;
-    let mut c = [[0.0; LANES]; LARGEST_DEGREE + 1];
-    let mut limit = [[0.0; LANES]; LARGEST_DEGREE + 1];
-    let mut sign = [1.0; LANES];
-    for lane in 0..LANES {
-        sign[lane] = if base[0] + gains[lane] * step[0] < 0.0 { -1.0 } else { 1.0 };
+pub(super) fn stable_gains(base: &[f64], step: &[f64], gains: &[f64], visit: impl FnMut(usize)) {
+    // Small degrees with loops that the compiler can unroll; a closed loop of two second-order systems has degree 4.
+    let arch = pulp::Arch::new();
+    macro_rules! with {
+        ($length:literal) => {
+            arch.dispatch(
+                #[inline(always)]
+                || tested::<$length>($length, base, step, gains, visit),
+            )
+        };
     }
-    for i in 0..=n {
-        for lane in 0..LANES {
-            let added = gains[lane] * step[i];
-            c[i][lane] = sign[lane] * (base[i] + added);
-            limit[i][lane] = POSITIVE * (base[i].abs() + added.abs());
-        }
+    match base.len() {
+        1 => with!(1),
+        2 => with!(2),
+        3 => with!(3),
+        4 => with!(4),
+        5 => with!(5),
+        6 => with!(6),
+        7 => with!(7),
+        8 => with!(8),
+        9 => with!(9),
+        length => tested::<{ LARGEST_DEGREE + 1 }>(length, base, step, gains, visit),
     }
-    let mut inside = [true; LANES];
-    for lane in 0..LANES {
-        inside[lane] &= c[0][lane] > limit[0][lane];
-    }
-    for k in 0..n {
+}
+
+/// [`stable_gains`] of polynomials with `length <= N` coefficients.
+#[inline(always)]
+#[allow(clippy::needless_range_loop)] // Lanes run side by side through several arrays.
+fn tested<const N: usize>(length: usize, base: &[f64], step: &[f64], gains: &[f64], mut visit: impl FnMut(usize)) {
+    let (base, step) = (&base[..length], &step[..length]);
+    for (chunk, listed) in gains.chunks(LANES).enumerate() {
+        let mut gain = [0.0; LANES];
+        gain[..listed.len()].copy_from_slice(listed);
+        let mut sign = [1.0; LANES];
         for lane in 0..LANES {
-            inside[lane] &= c[k + 1][lane] > limit[k + 1][lane];
+            sign[lane] = if base[0] + gain[lane] * step[0] < 0.0 { -1.0 } else { 1.0 };
         }
-        let mut factor = [0.0; LANES];
-        for lane in 0..LANES {
-            factor[lane] = c[k][lane] / c[k + 1][lane];
-        }
-        let mut i = k + 2;
-        while i < n {
-            let (head, tail) = c.split_at_mut(i + 1);
+        let mut c = [[0.0; LANES]; N];
+        // How far each entry of the first column is above what counts as positive.
+        let mut least = [f64::INFINITY; LANES];
+        for i in 0..length {
             for lane in 0..LANES {
-                head[i][lane] -= factor[lane] * tail[0][lane];
+                c[i][lane] = sign[lane] * (base[i] + gain[lane] * step[i]);
             }
-            i += 2;
+        }
+        let mut check = |i: usize, entry: &[f64; LANES]| {
+            for lane in 0..LANES {
+                let limit = POSITIVE * (base[i].abs() + (gain[lane] * step[i]).abs());
+                let above = if entry[lane] > limit { 1.0 } else { -1.0 };
+                least[lane] = if above < least[lane] { above } else { least[lane] };
+            }
+        };
+        check(0, &c[0]);
+        for k in 0..length - 1 {
+            check(k + 1, &c[k + 1]);
+            let mut factor = [0.0; LANES];
+            for lane in 0..LANES {
+                factor[lane] = c[k][lane] / c[k + 1][lane];
+            }
+            let mut i = k + 2;
+            while i + 1 < length {
+                for lane in 0..LANES {
+                    c[i][lane] -= factor[lane] * c[i + 1][lane];
+                }
+                i += 2;
+            }
+        }
+        for lane in 0..listed.len() {
+            if least[lane] > 0.0 {
+                visit(chunk * LANES + lane);
+            }
         }
     }
-    inside
 }
 
 #[cfg(test)]
@@ -63,10 +107,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn agrees_with_the_roots(coefficients in proptest::collection::vec(-3.0..6.0_f64, 1..8), step in -2.0..2.0_f64) {
+        fn agrees_with_the_roots(coefficients in proptest::collection::vec(-3.0..6.0_f64, 1..12), step in -2.0..2.0_f64) {
             let added: Vec<f64> = coefficients.iter().rev().map(|c| step * c).collect();
-            let gains = [0.0, 0.25, -0.25, 0.5, -0.5, 1.0, -1.0, 3.0];
-            let inside = stable(&coefficients, &added, &gains);
+            let gains = [0.0, 0.25, -0.25, 0.5, -0.5, 1.0, -1.0, 3.0, 0.7];
+            let mut inside = [false; 9];
+            stable_gains(&coefficients, &added, &gains, |i| inside[i] = true);
             for (gain, inside) in gains.iter().zip(inside) {
                 let sum: Vec<f64> = coefficients.iter().zip(&added).map(|(a, b)| a + gain * b).collect();
                 prop_assume!(sum[0].abs() > 1e-3);
@@ -76,14 +121,25 @@ mod tests {
                 prop_assert_eq!(largest < 0.0, inside);
             }
         }
+
+        #[test]
+        fn stable_polynomials_are_found(roots in proptest::collection::vec((-3.0..-0.05_f64, 0.0..4.0_f64), 1..5), scale in 0.1..10.0_f64) {
+            // Random coefficients of high degree are hardly ever stable, so stable ones are made.
+            let mut product = Polynomial::new(vec![scale]);
+            for (re, im) in roots {
+                product = product.mul(&Polynomial::new(vec![1.0, -2.0 * re, re * re + im * im]));
+            }
+            prop_assert!(stable(product.coefficients()));
+            prop_assert!(stable(product.scale(-1.0).coefficients()));
+            prop_assert!(!stable(product.mul(&Polynomial::new(vec![1.0, -0.05])).coefficients()));
+        }
     }
 
     #[test]
     fn the_boundary_is_outside() {
         // s² + 1, s(s + 1), and (s + 0.1)(s² + 2) with rounded coefficients.
         for coefficients in [vec![1.0, 0.0, 1.0], vec![1.0, 1.0, 0.0], vec![1.0, 0.1, 2.0, 0.2]] {
-            let zero = vec![0.0; coefficients.len()];
-            assert_eq!(stable(&coefficients, &zero, &[0.0; LANES]), [false; LANES], "{coefficients:?}");
+            assert!(!stable(&coefficients), "{coefficients:?}");
         }
     }
 }

@@ -1,0 +1,43 @@
+//! The search for the best candidate of a pool.
+
+mod block;
+pub mod exact;
+mod exhaustive;
+mod kernel;
+
+use super::pool::Pool;
+use super::problem::Problem;
+use crate::num::{Ctl, Stopped};
+pub use exhaustive::Exhaustive;
+
+/// Candidates whose cost is within this share of the best one's are counted.
+pub const NEAR: f64 = 0.01;
+
+/// An exact search: whatever way it takes, its answer is the candidate with the smallest cost of *all* candidates, and of several
+/// with the same cost (in `f64`, by [`exact::fit`]) the one with the lowest index.
+///
+/// Runs on the rayon pool that it is called in, and gives the same answer for any number of threads.
+pub trait Search {
+    /// Finds the best candidate.
+    ///
+    /// Progress is in candidates.
+    ///
+    /// # Errors
+    /// [`Stopped`] when `ctl` says so.
+    fn search(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Optimum, Stopped>;
+}
+
+/// The best candidate, and how it was found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Optimum {
+    /// Its index.
+    pub index: u64,
+    /// Its cost, by [`exact::fit`].
+    pub cost: f64,
+    /// How many candidates were evaluated one by one (by their own least-squares problem).
+    pub evaluated: u64,
+    /// How many of these could not be told from the best one by the fast evaluation and were decided by QR.
+    pub decided_by_qr: u64,
+    /// How many candidates, the best one included, cost at most `1 + NEAR` times as much as it.
+    pub near_optimal: u64,
+}

@@ -1,0 +1,169 @@
+//! How well an identified loop predicts a trial, by simulation from the command alone.
+
+use crate::control::simulate::SimulationError;
+use crate::control::two_dof::{LoopResponse, TwoDegreesOfFreedom};
+use crate::control::{Continuous, Discrete, System, TransferFunction};
+use crate::trial::Trial;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A sampled model and a trial whose sample times differ by more than this share are not of one kind.
+const SAMPLE_TIME_TOLERANCE: f64 = 1e-5;
+
+/// The share of a signal's variation that a simulation explains.
+///
+/// `1 − Σ (x − x̂)² / Σ (x − mean x)²` over all samples: 1 for a perfect simulation, 0 for one no better than the signal's
+/// mean, negative for a worse one. The simulation starts from rest and is driven by the command, and by the disturbance where one
+/// was recorded, never by the recorded control or output: a one-step prediction would flatter.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SimulatedVaf {
+    /// Of the output y.
+    pub output: f64,
+    /// Of the control u; null where the model has none to simulate.
+    pub control: Option<f64>,
+    /// Why `control` is null.
+    pub control_unavailable: Option<String>,
+}
+
+/// Why nothing could be simulated.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ValidationError {
+    /// Plant and controllers do not share one time base.
+    #[error("the plant and the controllers do not share one time base")]
+    MixedTimeBases,
+    /// The model is sampled at another rate than the trial.
+    #[error("the model is sampled every {model_s} s, the trial every {trial_s} s")]
+    SampleTime {
+        /// Of the model.
+        model_s: f64,
+        /// Of the trial.
+        trial_s: f64,
+    },
+    /// The loop cannot be simulated.
+    #[error(transparent)]
+    Simulation(#[from] SimulationError),
+    /// A recorded signal is constant: there is no variation to explain.
+    #[error("the recorded output is constant, so there is no variation to account for")]
+    ConstantOutput,
+}
+
+/// Simulates the loop on a trial's command (and disturbance) and compares with the recording.
+///
+/// # Errors
+/// [`ValidationError`] where the loop cannot be simulated on this trial, or the output never moves.
+pub fn simulated_vaf(
+    trial: &Trial,
+    plant: &System,
+    feedforward: &System,
+    feedback: &System,
+) -> Result<SimulatedVaf, ValidationError> {
+    let response = match (plant, feedforward, feedback) {
+        (System::Continuous(g), System::Continuous(ff), System::Continuous(fb)) => continuous(trial, g, ff, fb)?,
+        (System::Discrete(g), System::Discrete(ff), System::Discrete(fb)) => sampled(trial, g, ff, fb)?,
+        _ => return Err(ValidationError::MixedTimeBases),
+    };
+    let output = explained(&trial.signals.output, &response.output).ok_or(ValidationError::ConstantOutput)?;
+    let (control, control_unavailable) = match &response.control {
+        None => (None, Some("the feedforward is improper, so the model's control is no function of time".to_owned())),
+        Some(simulated) => match explained(&trial.signals.control, simulated) {
+            Some(share) => (Some(share), None),
+            None => (None, Some("the recorded control is constant".to_owned())),
+        },
+    };
+    Ok(SimulatedVaf { output, control, control_unavailable })
+}
+
+fn continuous(
+    trial: &Trial,
+    plant: &TransferFunction<Continuous>,
+    feedforward: &TransferFunction<Continuous>,
+    feedback: &TransferFunction<Continuous>,
+) -> Result<LoopResponse, ValidationError> {
+    let system = TwoDegreesOfFreedom::new(plant.clone(), feedforward.clone(), feedback.clone())
+        .map_err(|_| ValidationError::MixedTimeBases)?;
+    let disturbance = trial.signals.disturbance.as_deref();
+    Ok(system.simulate(&trial.signals.command, disturbance, trial.sample_time_s)?)
+}
+
+fn sampled(
+    trial: &Trial,
+    plant: &TransferFunction<Discrete>,
+    feedforward: &TransferFunction<Discrete>,
+    feedback: &TransferFunction<Discrete>,
+) -> Result<LoopResponse, ValidationError> {
+    let (model_s, trial_s) = (plant.time().period_s(), trial.sample_time_s);
+    if !((model_s - trial_s).abs() <= SAMPLE_TIME_TOLERANCE * trial_s) {
+        return Err(ValidationError::SampleTime { model_s, trial_s });
+    }
+    let system = TwoDegreesOfFreedom::new(plant.clone(), feedforward.clone(), feedback.clone())
+        .map_err(|_| ValidationError::MixedTimeBases)?;
+    Ok(system.simulate(&trial.signals.command, trial.signals.disturbance.as_deref())?)
+}
+
+/// The share explained; `None` where the recording does not vary.
+fn explained(recorded: &[f64], simulated: &[f64]) -> Option<f64> {
+    let mean = crate::num::stats::mean(recorded)?;
+    let variation: f64 = recorded.iter().map(|x| (x - mean).powi(2)).sum();
+    let missed: f64 = recorded.iter().zip(simulated).map(|(x, y)| (x - y).powi(2)).sum();
+    let share = 1.0 - missed / variation;
+    // Squares of a wild simulation may overflow; such a share is no number to report either.
+    (variation > 0.0 && share.is_finite()).then_some(share)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trial::Signals;
+
+    fn sampled_system(num: &[f64], den: &[f64]) -> System {
+        System::Discrete(TransferFunction::new(num, den, Discrete::new(0.1).unwrap()).unwrap())
+    }
+
+    fn recorded(disturbance: Option<Vec<f64>>) -> (Trial, [System; 3]) {
+        let systems =
+            [sampled_system(&[0.2], &[1.0, -0.8]), sampled_system(&[0.7, 0.1], &[1.0, 0.0]), sampled_system(&[0.5], &[1.0])];
+        let [System::Discrete(g), System::Discrete(ff), System::Discrete(fb)] = &systems else { unreachable!() };
+        let system = TwoDegreesOfFreedom::new(g.clone(), ff.clone(), fb.clone()).unwrap();
+        let command: Vec<f64> = (0..200).map(|i| (0.1 * f64::from(i)).sin()).collect();
+        let response = system.simulate(&command, disturbance.as_deref()).unwrap();
+        let signals = Signals {
+            time_s: None,
+            command,
+            control: response.control.unwrap(),
+            output: response.output,
+            disturbance,
+        };
+        (Trial::new(0.1, signals).unwrap(), systems)
+    }
+
+    #[test]
+    fn the_loop_that_made_a_trial_explains_all_of_it_with_or_without_disturbance() {
+        let disturbance: Vec<f64> = (0..200).map(|i| (0.37 * f64::from(i)).cos()).collect();
+        for disturbance in [None, Some(disturbance)] {
+            let (trial, [g, ff, fb]) = recorded(disturbance);
+            let vaf = simulated_vaf(&trial, &g, &ff, &fb).unwrap();
+            assert!((vaf.output - 1.0).abs() < 1e-12 && (vaf.control.unwrap() - 1.0).abs() < 1e-12, "{vaf:?}");
+        }
+    }
+
+    #[test]
+    fn the_share_is_one_minus_missed_over_variation() {
+        assert_eq!(explained(&[1.0, 2.0, 3.0], &[1.0, 2.0, 4.0]), Some(0.5));
+        assert_eq!(explained(&[1.0, 2.0, 3.0], &[2.0, 2.0, 2.0]), Some(0.0));
+        assert_eq!(explained(&[2.0, 2.0], &[2.0, 2.0]), None);
+        assert_eq!(explained(&[1.0, 2.0], &[f64::MAX, 0.0]), None);
+    }
+
+    #[test]
+    fn what_cannot_be_simulated_is_said() {
+        let (trial, [g, ff, fb]) = recorded(None);
+        let continuous = System::Continuous(TransferFunction::new(&[1.0], &[1.0, 1.0], Continuous).unwrap());
+        assert_eq!(simulated_vaf(&trial, &continuous, &ff, &fb), Err(ValidationError::MixedTimeBases));
+        let slow = |system: &System| {
+            let (num, den) = (system.num().coefficients(), system.den().coefficients());
+            System::Discrete(TransferFunction::new(num, den, Discrete::new(0.2).unwrap()).unwrap())
+        };
+        let error = simulated_vaf(&trial, &slow(&g), &slow(&ff), &slow(&fb)).unwrap_err();
+        assert_eq!(error, ValidationError::SampleTime { model_s: 0.2, trial_s: 0.1 });
+    }
+}
