@@ -15,7 +15,6 @@ pub mod etag;
 pub mod events;
 pub mod extract;
 mod fence;
-pub mod files;
 pub mod frequency_responses;
 pub mod idempotency;
 pub mod learning_curves;
