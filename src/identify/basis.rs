@@ -37,7 +37,9 @@ pub struct Part {
 
 /// The lines do not determine a numerator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("{lines} frequency lines do not determine the {needed} coefficients of the {part} part of the feedforward numerator")]
+#[error(
+    "{lines} frequency lines do not determine the {needed} coefficients of the {part} part of the feedforward numerator"
+)]
 pub struct TooFewLines {
     /// `real` or `imaginary`.
     pub part: &'static str,

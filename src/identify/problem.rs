@@ -166,7 +166,8 @@ mod tests {
     #[test]
     fn lines_on_poles_and_zeros_are_dropped_with_the_reason() {
         let one = Complex64::new(1.0, 0.0);
-        let integrator = System::Continuous(TransferFunction::new(&[1.0, 0.0, 4.0], &[1.0, 1.0, 0.0], Continuous).unwrap());
+        let integrator =
+            System::Continuous(TransferFunction::new(&[1.0, 0.0, 4.0], &[1.0, 1.0, 0.0], Continuous).unwrap());
         let lines = Lines::new(&integrator, &[0.0, 1.0, 2.0, 3.0], &[one; 4], None);
         let why: Vec<_> = lines.dropped.iter().map(|d| (d.omega_rad_s, d.why)).collect();
         assert_eq!(why, [(0.0, Unusable::PlantPole), (2.0, Unusable::PlantZero)]);

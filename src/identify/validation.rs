@@ -120,19 +120,17 @@ mod tests {
     }
 
     fn recorded(disturbance: Option<Vec<f64>>) -> (Trial, [System; 3]) {
-        let systems =
-            [sampled_system(&[0.2], &[1.0, -0.8]), sampled_system(&[0.7, 0.1], &[1.0, 0.0]), sampled_system(&[0.5], &[1.0])];
+        let systems = [
+            sampled_system(&[0.2], &[1.0, -0.8]),
+            sampled_system(&[0.7, 0.1], &[1.0, 0.0]),
+            sampled_system(&[0.5], &[1.0]),
+        ];
         let [System::Discrete(g), System::Discrete(ff), System::Discrete(fb)] = &systems else { unreachable!() };
         let system = TwoDegreesOfFreedom::new(g.clone(), ff.clone(), fb.clone()).unwrap();
         let command: Vec<f64> = (0..200).map(|i| (0.1 * f64::from(i)).sin()).collect();
         let response = system.simulate(&command, disturbance.as_deref()).unwrap();
-        let signals = Signals {
-            time_s: None,
-            command,
-            control: response.control.unwrap(),
-            output: response.output,
-            disturbance,
-        };
+        let signals =
+            Signals { time_s: None, command, control: response.control.unwrap(), output: response.output, disturbance };
         (Trial::new(0.1, signals).unwrap(), systems)
     }
 

@@ -58,7 +58,13 @@ impl<'a> Evaluator<'a> {
     }
 
     /// Evaluates every candidate of a block, in batches of no particular order.
-    pub(super) fn block(&self, block: usize, ctl: &Ctl, count: bool, mut visit: impl FnMut(Batch<'_>)) -> Result<(), Stopped> {
+    pub(super) fn block(
+        &self,
+        block: usize,
+        ctl: &Ctl,
+        count: bool,
+        mut visit: impl FnMut(Batch<'_>),
+    ) -> Result<(), Stopped> {
         let table = self.pool.feedback();
         let lines = self.problem.lines().len();
         let feedforward = self.pool.feedforward().len() as u64;
@@ -132,13 +138,7 @@ impl<'a> Evaluator<'a> {
     }
 
     /// Evaluates and empties a batch of feedback controllers that ends before `end`.
-    fn flush(
-        &self,
-        batch: &mut FeedbackBatch,
-        end: u64,
-        screened: &mut Screened,
-        visit: &mut impl FnMut(Batch<'_>),
-    ) {
+    fn flush(&self, batch: &mut FeedbackBatch, end: u64, screened: &mut Screened, visit: &mut impl FnMut(Batch<'_>)) {
         if let Way::AcrossFeedback(constants) = &self.way {
             let stride = constants.len() as u64;
             let first = (end - batch.count as u64) * stride;

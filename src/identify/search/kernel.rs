@@ -384,12 +384,7 @@ impl FeedbackBatch {
 }
 
 /// Evaluates a batch of feedback controllers with one feedforward denominator.
-pub(super) fn across_feedback(
-    layout: &Layout,
-    constants: &LineConstants,
-    batch: &FeedbackBatch,
-    out: &mut Screened,
-) {
+pub(super) fn across_feedback(layout: &Layout, constants: &LineConstants, batch: &FeedbackBatch, out: &mut Screened) {
     out.resize(batch.room);
     dispatch!(layout, AcrossFeedback { layout, constants, batch, out });
     out.resize(batch.count);
