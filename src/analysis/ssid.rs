@@ -1,24 +1,201 @@
-//! Being written.
-#![allow(missing_docs, unused_variables, clippy::todo, clippy::missing_errors_doc)]
+//! Subsystem identification: kind `ssid`.
+//!
+//! ```json
+//! {"kind": "ssid", "inputs": {"trial": "ID"},
+//!  "spec": {"pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 4, "zeros": 4}}, "feedforward_denominator_degree": 2}}
+//! {"kind": "ssid", "inputs": {"plant": {"num": [4], "den": [1, 2]},
+//!                             "frequency_response": {"omega_rad_s": [0.6, 1.3], "h": [[1.1, 0.1], [0.9, -0.2]]}},
+//!  "spec": {"pool": {"grid": {"feedforward_denominator": [[6.5]], "feedback_numerator": [[5.4]], "feedback_denominator": [[7.1]]}}}}
+//! ```
+//! Trials are those of [`trial_input`](super::trial_input), or frequency data come with the request. The method is that of
+//! [`identify::ssid`](crate::identify::ssid).
+
+mod inputs;
+mod problems;
+mod result;
+mod spec;
+
+use super::frequency_problem;
+use super::frequency_response::divergent_warning;
 use super::inputs::{Library, References};
-use super::kind::Request;
+use super::kind::{Kind, Request};
 use super::plan::Failure;
-use super::problem::Problem;
-use super::report::Report;
+use super::problem::{Code, Problem};
+use super::report::{Report, Warning};
+use super::trial_input::{ResolvedTrial, inputs_sha256};
+use crate::control::System;
+use crate::identify::frequency::{Channels, FrequencyError, estimate_between};
+use crate::identify::search::Exhaustive;
+use crate::identify::ssid::{Identified, Settings, SsidError, identify};
+use crate::identify::validation::simulated_vaf;
+use crate::learning::frequency_domain::{ControllerMetrics, controller_metrics};
 use crate::num::Ctl;
-#[derive(Debug, Clone)]
-pub struct Plan;
+use crate::trial::Trial;
+pub use inputs::{FrequencyResponseInput, SsidInputs};
+pub use result::{Certificate, Fit, NearOptimal, SimulatedVafResult, SsidResult, Stability, TrialVaf};
+use serde_json::json;
+use spec::CheckedSpec;
+pub use spec::SsidSpec;
+use std::collections::BTreeMap;
+
+/// Version of [`SsidResult`].
+const RESULT_VERSION: u32 = 1;
+
+/// A checked request.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    inputs: SsidInputs,
+    spec: CheckedSpec,
+}
+
+/// What the inputs give the identification.
+struct Material {
+    plant: System,
+    data: crate::identify::frequency::FrequencyData,
+    trials: Vec<ResolvedTrial>,
+    warnings: Vec<Warning>,
+    hashes: BTreeMap<String, String>,
+}
+
 impl Plan {
+    /// Checks a request.
+    ///
+    /// # Errors
+    /// A [`Problem`] with the JSON pointer of what is wrong.
     pub fn parse(request: &Request) -> Result<Self, Problem> {
-        todo!()
+        let inputs = SsidInputs::parse(&request.inputs)?;
+        let spec = CheckedSpec::parse(&request.spec, inputs.is_frequency_data())?;
+        if let Some(plant) = inputs.inline_plant() {
+            problems::check_plant(plant, "/inputs/plant")?;
+        }
+        Ok(Self { inputs, spec })
     }
+
+    /// The stored things that it needs.
+    #[must_use]
     pub fn references(&self) -> References {
-        todo!()
+        self.inputs.references()
     }
+
+    /// The spec with its defaults filled in.
+    #[must_use]
+    pub fn spec(&self) -> &SsidSpec {
+        self.spec.written()
+    }
+
+    /// The request with its defaults filled in; parsing it again gives an equal plan.
+    #[must_use]
     pub fn request(&self) -> Request {
-        todo!()
+        Request { kind: Kind::Ssid.name().to_owned(), inputs: self.inputs.to_value(), spec: json!(self.spec()) }
     }
+
+    /// Computes the report; progress counts candidates.
+    ///
+    /// # Errors
+    /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question.
     pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
-        todo!()
+        let Material { plant, data, trials, mut warnings, hashes } = self.material(library, ctl)?;
+        let written = self.spec();
+        let settings = Settings {
+            recipe: self.spec.recipe().clone(),
+            weights: written.weights,
+            sample_time_s: written.sample_time_s.or(trials.first().map(|t| t.trial().sample_time_s)),
+            max_candidates: written.max_candidates,
+        };
+        let found = identify(&plant, &data, &settings, &Exhaustive, ctl).map_err(|error| match error {
+            SsidError::Stopped(stopped) => Failure::Stopped(stopped),
+            error => Failure::Problem(problems::problem(&error)),
+        })?;
+        warnings.extend(found.findings.iter().map(|f| Warning::new(f.code, f.message.clone())));
+        let metrics = self.metrics(&found)?;
+        let vaf = validate(&found, &trials, &mut warnings);
+        let result = SsidResult::new(&found, metrics, vaf, trials.is_empty());
+        Ok(Report::new(Kind::Ssid, RESULT_VERSION, json!(result), warnings, json!(written), hashes, None))
+    }
+
+    fn material(&self, library: &Library, ctl: &Ctl) -> Result<Material, Failure> {
+        match &self.inputs {
+            SsidInputs::FrequencyResponse { plant, data } => {
+                let system = problems::check_plant(plant, "/inputs/plant")?;
+                let hashes = BTreeMap::from([
+                    ("/inputs/plant".to_owned(), super::report::sha256_json(&json!(plant))),
+                    ("/inputs/frequency_response".to_owned(), super::report::sha256_json(&json!(data))),
+                ]);
+                Ok(Material { plant: system, data: data.data(), trials: Vec::new(), warnings: Vec::new(), hashes })
+            }
+            SsidInputs::Trials(inputs) => {
+                let resolved = inputs.resolve(library)?;
+                let plant = problems::common_plant(&resolved)?;
+                problems::check_sample_times(&plant, &resolved)?;
+                let trials: Vec<&Trial> = resolved.iter().map(ResolvedTrial::trial).collect();
+                let Some(settings) = self.spec.frequency() else {
+                    // The spec of trials always has settings; see `CheckedSpec::parse`.
+                    return Err(Problem::new(
+                        Code::Internal,
+                        "no frequency settings",
+                        "the spec was checked for frequency data",
+                    )
+                    .into());
+                };
+                let estimate =
+                    estimate_between(&trials, settings, Channels::default(), ctl).map_err(|error| match error {
+                        FrequencyError::Stopped(stopped) => Failure::Stopped(stopped),
+                        error => Failure::Problem(frequency_problem::problem(&error, &resolved, "/spec/frequency")),
+                    })?;
+                let mut warnings: Vec<Warning> = divergent_warning(&resolved).into_iter().collect();
+                warnings.extend(estimate.warnings.iter().map(Warning::from));
+                let hashes = inputs_sha256(&resolved, true);
+                Ok(Material { plant, data: estimate.data(), trials: resolved, warnings, hashes })
+            }
+        }
+    }
+
+    /// Norms over the band of the spec, or of the lines.
+    fn metrics(&self, found: &Identified) -> Result<ControllerMetrics, Problem> {
+        let band = self.spec().band_hz.map_or_else(
+            || {
+                let low = found.lines.iter().map(|(line, _)| line.omega_rad_s).fold(f64::INFINITY, f64::min);
+                let high = found.lines.iter().map(|(line, _)| line.omega_rad_s).fold(0.0, f64::max);
+                (low, high)
+            },
+            |[low, high]| (low * std::f64::consts::TAU, high * std::f64::consts::TAU),
+        );
+        controller_metrics(&found.plant, &found.feedforward, &found.feedback, band).map_err(|error| {
+            Problem::new(Code::Invalid, "unusable band", error.to_string())
+                .at("/spec/band_hz")
+                .mend("Give a band within the lines, below the Nyquist frequency.")
+        })
     }
 }
+
+/// Simulates the identified loop on each trial; what cannot be simulated becomes a warning.
+fn validate(found: &Identified, trials: &[ResolvedTrial], warnings: &mut Vec<Warning>) -> Vec<TrialVaf> {
+    trials
+        .iter()
+        .map(|trial| {
+            let name = trial.name.clone();
+            match simulated_vaf(trial.trial(), &found.plant, &found.feedforward, &found.feedback) {
+                Ok(vaf) => {
+                    if vaf.output < 0.0 {
+                        warnings.push(Warning::new(
+                            "simulation_fails",
+                            format!(
+                                "the identified loop, simulated from the command of {name}, explains none of the recorded output \
+                                 (variance accounted for {:.3}), although it fits the frequency data",
+                                vaf.output
+                            ),
+                        ));
+                    }
+                    TrialVaf { trial: name, y: Some(vaf.output), u: vaf.control, reason: vaf.control_unavailable }
+                }
+                Err(error) => {
+                    warnings.push(Warning::new("not_simulated", format!("{name}: {error}")));
+                    TrialVaf { trial: name, y: None, u: None, reason: Some(error.to_string()) }
+                }
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

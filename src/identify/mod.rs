@@ -1,10 +1,12 @@
 //! Subsystem identification: the feedforward and feedback controllers behind a closed-loop frequency response
-//! (Zhang 2015, algorithms 2.1, 3.1 and 5.1).
+//! (Zhang 2015, algorithms 2.1, 3.1 and 5.1), and the frequency responses that it starts from.
 
 pub mod basis;
 pub mod frequency;
+pub mod identifiability;
 pub mod pool;
 pub mod problem;
 pub mod search;
+pub mod ssid;
 pub mod time;
 pub mod validation;

@@ -10,14 +10,16 @@ pub struct Factor {
     pub coefficients: Vec<f64>,
     /// [`Region::map`] of them, homogenised to the degree of the denominator.
     pub mapped: Vec<f64>,
+    /// Its position in the list that it comes from.
+    pub listed: usize,
 }
 
 impl Factor {
     /// From coefficients.
     #[must_use]
-    pub fn from_coefficients(coefficients: Vec<f64>, region: Region, degree: usize) -> Self {
+    pub fn from_coefficients(coefficients: Vec<f64>, region: Region, degree: usize, listed: usize) -> Self {
         let mapped = region.map(&coefficients, degree);
-        Self { coefficients, mapped }
+        Self { coefficients, mapped, listed }
     }
 
     /// From roots given as continuous-time exponents in rad/s; sampled by zero-pole matching, `z = e^{λT}`.
@@ -25,7 +27,7 @@ impl Factor {
     /// The map is computed from the roots and not from the coefficients, so that a root on the boundary of the region
     /// is on it to the last bit, and roots near z = 1 lose nothing to cancellation.
     #[must_use]
-    pub fn from_roots(roots: RootPair, region: Region, degree: usize) -> Self {
+    pub fn from_roots(roots: RootPair, region: Region, degree: usize, listed: usize) -> Self {
         let (coefficients, mut mapped) = match region.time {
             Time::Continuous => (roots.polynomial(), roots.shifted(region.margin).polynomial()),
             Time::Sampled(time) => (roots.matched(time.period_s()), roots.mapped(time.period_s(), region.margin)),
@@ -43,7 +45,7 @@ impl Factor {
                 }
             }
         }
-        Self { coefficients, mapped }
+        Self { coefficients, mapped, listed }
     }
 }
 
@@ -65,8 +67,8 @@ mod tests {
             let region = Region { time, margin: 0.1 };
             for pair in pairs {
                 let degree = pair.degree() + 1;
-                let exact = Factor::from_roots(pair, region, degree);
-                let generic = Factor::from_coefficients(exact.coefficients.clone(), region, degree);
+                let exact = Factor::from_roots(pair, region, degree, 0);
+                let generic = Factor::from_coefficients(exact.coefficients.clone(), region, degree, 0);
                 let scale = generic.mapped.iter().map(|c| c.abs()).fold(0.0, f64::max);
                 for (a, b) in exact.mapped.iter().zip(&generic.mapped) {
                     assert!((a - b).abs() < 1e-14 * scale, "{pair:?} {time:?}: {exact:?} {generic:?}");

@@ -1,12 +1,13 @@
 //! What a checked pool is made of, before a plant decides which candidates are stable.
 
-use super::Pool;
 use super::factor::Factor;
 use super::feedback::{FeedbackTable, Normalisation};
 use super::roots::RootPair;
 use super::routh::{self, LARGEST_DEGREE};
 use super::spec::{PoolSpecError, refuse};
+use super::{Pool, Position};
 use crate::control::System;
+use crate::identify::identifiability::Structure;
 use crate::identify::time::{Region, Time};
 use crate::num::{Ctl, Stopped};
 
@@ -56,13 +57,67 @@ impl Ingredients {
             Self::Power(n) => {
                 let mut coefficients = vec![0.0; n + 1];
                 coefficients[0] = 1.0;
-                vec![Factor::from_coefficients(coefficients, region, degree)]
+                vec![Factor::from_coefficients(coefficients, region, degree, 0)]
             }
-            Self::Roots(roots) => roots.iter().map(|r| Factor::from_roots(*r, region, degree)).collect(),
+            Self::Roots(roots) => {
+                roots.iter().enumerate().map(|(i, r)| Factor::from_roots(*r, region, degree, i)).collect()
+            }
+            Self::Coefficients(rows) => rows
+                .iter()
+                .enumerate()
+                .map(|(i, row)| Factor::from_coefficients(row.clone(), region, degree, i))
+                .collect(),
+        }
+    }
+
+    /// Which of the listed numbers of an element are the smallest or largest of their list.
+    fn edges(&self, element: usize, name: &str) -> Vec<String> {
+        let end = |value: f64, all: &[f64]| {
+            let low = all.iter().copied().fold(f64::INFINITY, f64::min);
+            let high = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            if low == high {
+                None
+            } else if value == low {
+                Some("smallest")
+            } else if value == high {
+                Some("largest")
+            } else {
+                None
+            }
+        };
+        let mut edges = Vec::new();
+        match self {
+            Self::Power(_) => {}
             Self::Coefficients(rows) => {
-                rows.iter().map(|row| Factor::from_coefficients(row.clone(), region, degree)).collect()
+                for (i, value) in rows[element].iter().enumerate() {
+                    let all: Vec<f64> = rows.iter().map(|row| row[i]).collect();
+                    if let Some(end) = end(*value, &all) {
+                        edges.push(format!("coefficient {i} of the {name}, {value}, is the {end} one"));
+                    }
+                }
+            }
+            Self::Roots(roots) => {
+                let reals: Vec<f64> = roots.iter().flat_map(|r| r.real().into_iter().flatten()).collect();
+                let (frequencies, dampings): (Vec<f64>, Vec<f64>) = roots.iter().filter_map(|r| r.complex()).unzip();
+                let mut seen = None;
+                for root in roots[element].real().into_iter().flatten() {
+                    if let Some(end) = end(root, &reals).filter(|_| seen != Some(root)) {
+                        edges.push(format!("the real root {root} rad/s of the {name} is the {end} one"));
+                    }
+                    seen = Some(root);
+                }
+                if let Some((frequency, damping)) = roots[element].complex() {
+                    // A small natural frequency is no edge: the list goes down to the origin.
+                    if end(frequency, &frequencies) == Some("largest") {
+                        edges.push(format!("the natural frequency {frequency} rad/s of the {name} is the largest one"));
+                    }
+                    if let Some(end) = end(damping, &dampings) {
+                        edges.push(format!("the damping ratio {damping} of the {name} is the {end} one"));
+                    }
+                }
             }
         }
+        edges
     }
 
     /// `|P|²` of each as a quadratic in ω² or 1 − cos ωT, and whether P vanishes on the band.
@@ -206,6 +261,42 @@ impl Recipe {
             }
         }
         Ok(self)
+    }
+
+    /// The degrees of the controllers.
+    #[must_use]
+    pub fn structure(&self) -> Structure {
+        Structure {
+            feedforward_numerator: self.feedforward_numerator_degree,
+            feedforward_denominator_is_free: !matches!(self.feedforward, Ingredients::Power(_)),
+            feedforward_denominator: self.feedforward_denominator_degree,
+            feedback_numerator: self.feedback_numerators.degree(),
+            feedback_denominator: self.feedback_denominators.degree(),
+        }
+    }
+
+    /// The lists at whose ends a candidate lies, in words.
+    #[must_use]
+    pub fn edges(&self, pool: &Pool, position: Position) -> Vec<String> {
+        let feedback = position.feedback;
+        let mut edges = Vec::new();
+        let feedforward = &pool.feedforward()[position.feedforward];
+        edges.extend(self.feedforward.edges(feedforward.listed, "feedforward denominator"));
+        // Without feedback, its poles and zeros mean nothing.
+        if let Some(numerator) = feedback.numerator {
+            let table = pool.feedback();
+            let denominator = table.denominators()[feedback.denominator].listed;
+            edges.extend(self.feedback_denominators.edges(denominator, "feedback denominator"));
+            edges.extend(self.feedback_numerators.edges(table.numerators()[numerator].listed, "feedback numerator"));
+            let largest = self.gains.iter().map(|g| g.abs()).fold(0.0, f64::max);
+            if let Some(gain) = feedback.gain_position.map(|i| self.gains[i])
+                && self.band_rad_s.is_some()
+                && gain.abs() == largest
+            {
+                edges.push(format!("the peak gain {gain} is the largest one"));
+            }
+        }
+        edges
     }
 
     /// The combinations of feedback denominator, numerator and gain before any is tested for stability.

@@ -29,25 +29,22 @@ impl RootPair {
         }
     }
 
-    /// The largest real part; minus infinity of no root.
+    /// The real roots, where they are listed as such.
     #[must_use]
-    pub fn largest_real_part(self) -> f64 {
+    pub(super) fn real(self) -> [Option<f64>; 2] {
         match self {
-            Self::None => f64::NEG_INFINITY,
-            Self::One(a) => a,
-            Self::Two(a, b) => a.max(b),
-            Self::Complex { natural_frequency, damping } => -damping * natural_frequency,
+            Self::None | Self::Complex { .. } => [None, None],
+            Self::One(a) => [Some(a), None],
+            Self::Two(a, b) => [Some(a), Some(b)],
         }
     }
 
-    /// The largest modulus; 0 of no root.
+    /// Natural frequency and damping ratio of a conjugate pair.
     #[must_use]
-    pub fn largest_modulus(self) -> f64 {
+    pub(super) fn complex(self) -> Option<(f64, f64)> {
         match self {
-            Self::None => 0.0,
-            Self::One(a) => a.abs(),
-            Self::Two(a, b) => a.abs().max(b.abs()),
-            Self::Complex { natural_frequency, .. } => natural_frequency,
+            Self::Complex { natural_frequency, damping } => Some((natural_frequency, damping)),
+            _ => None,
         }
     }
 

@@ -1,0 +1,178 @@
+//! How it is identified: as written, and checked.
+
+use crate::analysis::frequency_problem;
+use crate::analysis::problem::{Code, Problem};
+use crate::identify::frequency::{CheckedSettings, FrequencySettings};
+use crate::identify::pool::{Degrees, PoolName, PoolSpec, PoolSpecError, Recipe};
+use crate::identify::ssid::Weights;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+use utoipa::ToSchema;
+
+/// Candidates searched where the spec does not say otherwise.
+const MAX_CANDIDATES: u64 = 2_000_000_000;
+
+/// The spec.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct SsidSpec {
+    /// The candidate pool.
+    pub pool: PoolSpec,
+    /// Degree of the feedforward numerator. Default: by the pool.
+    pub feedforward_numerator_degree: usize,
+    /// Degree of the feedforward denominator; the order of an FIR feedforward. Default: by the pool.
+    pub feedforward_denominator_degree: usize,
+    /// Degree of the feedback numerator. Default: by the pool.
+    pub feedback_numerator_degree: usize,
+    /// Degree of the feedback denominator. Default: by the pool.
+    pub feedback_denominator_degree: usize,
+    /// How frequency data are made from trials. Default: as Zhang 2015 does for the named pools (`zhang2015_chapter_3` with
+    /// appendix B, `zhang2015_chapter_5` with appendix C), the excited lines for others. Must be absent with frequency data.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frequency: Option<FrequencySettings>,
+    /// How lines are weighted. Default: uniform.
+    pub weights: Weights,
+    /// Larger pools are refused. Default: 2e9.
+    pub max_candidates: u64,
+    /// The sample time of sampled controllers on a continuous plant. Default: that of the trial.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sample_time_s: Option<f64>,
+    /// The band of the norms in `metrics`. Default: that of the named pools (0.1 to 0.4 Hz with appendix B, 0 to 0.5 Hz with
+    /// appendix C), from the lowest to the highest line used for others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub band_hz: Option<[f64; 2]>,
+}
+
+/// The spec as people write it.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Written {
+    pool: Option<PoolSpec>,
+    feedforward_numerator_degree: Option<usize>,
+    feedforward_denominator_degree: Option<usize>,
+    feedback_numerator_degree: Option<usize>,
+    feedback_denominator_degree: Option<usize>,
+    frequency: Option<Map<String, Value>>,
+    weights: Option<Weights>,
+    max_candidates: Option<u64>,
+    sample_time_s: Option<f64>,
+    band_hz: Option<[f64; 2]>,
+}
+
+/// A checked spec.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct CheckedSpec {
+    written: SsidSpec,
+    recipe: Recipe,
+    frequency: Option<CheckedSettings>,
+}
+
+fn wrong(detail: impl Into<String>, location: impl Into<String>) -> Problem {
+    Problem::new(Code::Invalid, "unusable spec", detail).at(location)
+}
+
+fn pool_problem(error: &PoolSpecError) -> Problem {
+    let code = if error.too_large { Code::Unaffordable } else { Code::Invalid };
+    let problem =
+        Problem::new(code, "unusable candidate pool", error.message.clone()).at(format!("/spec/{}", error.field));
+    if error.too_large { problem.mend("Use coarser grids.") } else { problem }
+}
+
+impl CheckedSpec {
+    /// Checks the `spec` of a request.
+    pub(super) fn parse(spec: &Value, is_frequency_data: bool) -> Result<Self, Problem> {
+        let Value::Object(members) = spec else {
+            return Err(wrong("the spec is no object", "/spec"));
+        };
+        // One at a time first, since the deserialiser does not say where it stopped.
+        for (name, value) in members {
+            let alone = Value::Object(Map::from_iter([(name.clone(), value.clone())]));
+            if let Err(error) = serde_json::from_value::<Written>(alone) {
+                let location = format!("/spec/{}", name.replace('~', "~0").replace('/', "~1"));
+                return Err(wrong(error.to_string(), location));
+            }
+        }
+        let written: Written =
+            serde_json::from_value(spec.clone()).map_err(|error| wrong(error.to_string(), "/spec"))?;
+        let Some(pool) = written.pool else {
+            return Err(wrong("there is no pool of candidates", "/spec")
+                .mend("Add \"pool\": \"zhang2015_appendix_b\", \"zhang2015_appendix_c\", or a grid of one's own."));
+        };
+        let recipe = pool
+            .check(Degrees {
+                feedforward_numerator: written.feedforward_numerator_degree,
+                feedforward_denominator: written.feedforward_denominator_degree,
+                feedback_numerator: written.feedback_numerator_degree,
+                feedback_denominator: written.feedback_denominator_degree,
+            })
+            .map_err(|error| pool_problem(&error))?;
+        let name = match &pool {
+            PoolSpec::Name(name) => Some(*name),
+            PoolSpec::Thinned(thinned) => Some(thinned.name),
+            PoolSpec::Grid(_) | PoolSpec::Roots(_) => None,
+        };
+        let frequency = match (written.frequency, is_frequency_data) {
+            (Some(_), true) => {
+                return Err(wrong(
+                    "there are frequency settings, but no trial that they could apply to",
+                    "/spec/frequency",
+                )
+                .mend("Leave them out: the request carries its frequency data."));
+            }
+            (None, true) => None,
+            (Some(members), false) => Some(frequency_problem::parse_settings(members, "/spec/frequency")?),
+            (None, false) => {
+                let members = match name {
+                    Some(PoolName::Zhang2015AppendixB) => json!({"lines": "zhang2015_chapter_3"}),
+                    Some(PoolName::Zhang2015AppendixC) => json!({"lines": "zhang2015_chapter_5"}),
+                    None => json!({}),
+                };
+                let members = members.as_object().cloned().unwrap_or_default();
+                Some(frequency_problem::parse_settings(members, "/spec/frequency")?)
+            }
+        };
+        let max_candidates = written.max_candidates.unwrap_or(MAX_CANDIDATES);
+        if max_candidates == 0 {
+            return Err(wrong("at least one candidate must be allowed", "/spec/max_candidates"));
+        }
+        if let Some(period) = written.sample_time_s.filter(|t| !(t.is_finite() && *t > 0.0)) {
+            return Err(wrong(format!("the sample time {period} s is not positive"), "/spec/sample_time_s"));
+        }
+        let band_hz = written.band_hz.or(match name {
+            Some(PoolName::Zhang2015AppendixB) => Some([0.1, 0.4]),
+            Some(PoolName::Zhang2015AppendixC) => Some([0.0, 0.5]),
+            None => None,
+        });
+        if let Some([low, high]) = band_hz.filter(|[low, high]| !(*low >= 0.0 && low < high && high.is_finite())) {
+            return Err(wrong(format!("the band from {low} to {high} Hz is none"), "/spec/band_hz"));
+        }
+        let structure = recipe.structure();
+        let written = SsidSpec {
+            pool,
+            feedforward_numerator_degree: structure.feedforward_numerator,
+            feedforward_denominator_degree: structure.feedforward_denominator,
+            feedback_numerator_degree: structure.feedback_numerator,
+            feedback_denominator_degree: structure.feedback_denominator,
+            frequency: frequency.as_ref().map(|f| f.settings().clone()),
+            weights: written.weights.unwrap_or_default(),
+            max_candidates,
+            sample_time_s: written.sample_time_s,
+            band_hz,
+        };
+        Ok(Self { written, recipe, frequency })
+    }
+
+    /// With its defaults filled in.
+    pub(super) fn written(&self) -> &SsidSpec {
+        &self.written
+    }
+
+    /// The pool.
+    pub(super) fn recipe(&self) -> &Recipe {
+        &self.recipe
+    }
+
+    /// How frequency data are made; `None` where the request carries them.
+    pub(super) fn frequency(&self) -> Option<&CheckedSettings> {
+        self.frequency.as_ref()
+    }
+}
