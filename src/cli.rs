@@ -87,12 +87,10 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         Command::Worker { database, worker, until_idle } => {
             app::block_on(app::serve::work(&database, &worker, until_idle)).map(|()| ExitCode::SUCCESS)
         }
-        Command::Migrate { database } => {
-            app::block_on(app::serve::migrate(&database)).map(|()| ExitCode::SUCCESS)
-        }
+        Command::Migrate { database } => app::block_on(app::serve::migrate(&database)).map(|()| ExitCode::SUCCESS),
         Command::Openapi => {
             let mut out = std::io::stdout().lock();
-            writeln!(out, "{}", crate::api::openapi_json())?;
+            writeln!(out, "{}", crate::api::document())?;
             Ok(ExitCode::SUCCESS)
         }
         Command::Demo(args) => app::block_on(app::demo::demo(&args)),

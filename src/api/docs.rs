@@ -9,17 +9,15 @@ use utoipa_swagger_ui::{Config, SwaggerUi};
 
 /// The OpenAPI document, as `volition openapi` writes it and as it is committed at `openapi/openapi.json`.
 #[must_use]
-pub fn openapi_json() -> String {
-    let mut text = super::openapi().to_pretty_json().unwrap_or_default();
-    text.push('\n');
-    text
+pub fn document() -> String {
+    super::openapi().to_pretty_json().unwrap_or_default()
 }
 
 /// This document.
 #[utoipa::path(get, path = "/openapi.json", tag = "operations", operation_id = "openapi", params(IfNoneMatch),
     responses((status = 200, description = "An OpenAPI 3.1 document.", body = Object)))]
 pub async fn read(Params(()): Params<()>, headers: HeaderMap) -> ApiResult<Response> {
-    let bytes = openapi_json().into_bytes();
+    let bytes = document().into_bytes();
     let tag = ETag::of_bytes(&bytes);
     if is_known(&headers, &tag) {
         return Ok(not_modified(&tag));

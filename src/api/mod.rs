@@ -15,7 +15,6 @@ pub mod etag;
 pub mod events;
 pub mod extract;
 mod fence;
-pub mod files;
 pub mod frequency_responses;
 pub mod idempotency;
 pub mod learning_curves;
@@ -32,7 +31,7 @@ pub mod subjects;
 pub mod trials;
 pub mod upload;
 
-pub use docs::openapi_json;
+pub use docs::document;
 pub use router::{openapi, router};
 pub use state::{AppState, Hosts, Limits};
 

@@ -168,7 +168,8 @@ pub async fn read(
 #[utoipa::path(patch, path = "/v1/plants/{plant}", tag = "plants", operation_id = "change_plant",
     params(PlantPath, IfMatch),
     request_body(content((PlantPatchBody = "application/merge-patch+json"), (PlantPatchBody = "application/json"))),
-    responses((status = 200, description = "The plant as it is now.", body = PlantView)))]
+    responses((status = 200, description = "The plant as it is now.", body = PlantView),
+        (status = 409, description = "Another plant of the study has this name.")))]
 pub async fn patch(
     State(state): State<AppState>,
     Id(id): Id<PlantId>,

@@ -7,6 +7,7 @@ use super::{
     analyses, docs, events, frequency_responses, learning_curves, ops, plants, signals, studies, study_analyses,
     subjects, trials, upload,
 };
+use crate::analysis::frequency_response::{FrequencyResponseResult, FrequencyResponseSpec};
 use axum::Router;
 use utoipa::openapi::header::HeaderBuilder;
 use utoipa::openapi::path::{Operation, ParameterIn};
@@ -26,7 +27,7 @@ use utoipa_axum::routes;
             UTC; lists in pages by cursor; every problem is `application/problem+json` with a stable `code`, the place \
             (`where`) and advice (`mend`)."
     ),
-    components(schemas(HttpProblem)),
+    components(schemas(HttpProblem, FrequencyResponseSpec, FrequencyResponseResult)),
     tags(
         (name = "studies", description = "The frame of everything else."),
         (name = "plants", description = "What subjects control."),

@@ -2,7 +2,7 @@
 
 use super::analyses::{Checked, check};
 use super::checks::MAX_NAME;
-use super::extract::{Id, Json, Params, off_thread};
+use super::extract::{Id, Integer, Json, Params, from_value, off_thread};
 use super::idempotency::{Idempotency, IdempotencyHeader};
 use super::problem::ApiResult;
 use super::state::AppState;
@@ -30,8 +30,9 @@ pub struct BulkRequest {
     #[schema(value_type = Object)]
     spec: Value,
     /// Which trials; without it, all of the study.
-    #[serde(default)]
-    filter: BulkFilter,
+    #[serde(default = "empty")]
+    #[schema(value_type = BulkFilter)]
+    filter: Value,
 }
 
 fn empty() -> Value {
@@ -50,11 +51,14 @@ pub struct BulkFilter {
     /// On this plant.
     plant: Option<PlantId>,
     /// In this session.
-    session: Option<i64>,
+    #[schema(value_type = Option<i64>)]
+    session: Option<Integer>,
     /// With this number or a greater one.
-    number_from: Option<i64>,
+    #[schema(value_type = Option<i64>)]
+    number_from: Option<Integer>,
     /// With this number or a smaller one.
-    number_to: Option<i64>,
+    #[schema(value_type = Option<i64>)]
+    number_to: Option<Integer>,
     /// Divergent trials too; they are skipped otherwise.
     include_divergent: bool,
 }
@@ -102,6 +106,7 @@ pub async fn create(
     let key = idempotency.key(&body.bytes);
     let BulkRequest { kind, spec, filter } = body.value;
     kind.parse::<Kind>()?;
+    let filter: BulkFilter = from_value(&filter, "/filter")?;
     state.store.study(study).await?;
     let include_divergent = filter.include_divergent;
     let filter = checked(&state, study, filter).await?;
@@ -161,6 +166,7 @@ pub async fn create(
 async fn checked(state: &AppState, study: StudyId, filter: BulkFilter) -> ApiResult<TrialFilter> {
     let bad = |field: &str, why: String| Problem::new(Code::Invalid, "bad filter", why).at(format!("/filter/{field}"));
     let BulkFilter { group, subject, plant, session, number_from, number_to, include_divergent: _ } = filter;
+    let [session, number_from, number_to] = [session, number_from, number_to].map(|i| i.map(|Integer(i)| i));
     if group.as_ref().is_some_and(|group| group.chars().count() > MAX_NAME) {
         return Err(bad("group", format!("no group has more than {MAX_NAME} characters")).into());
     }

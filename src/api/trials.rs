@@ -2,7 +2,7 @@
 
 use super::cursor::{List, PageQuery, Pager};
 use super::etag::{self, IfMatch, IfNoneMatch};
-use super::extract::{Id, MergePatch, Params, present};
+use super::extract::{Id, Integer, MergePatch, Params, present};
 use super::no_content;
 use super::problem::ApiResult;
 use super::state::AppState;
@@ -101,12 +101,12 @@ pub struct TrialPath {
 pub struct TrialPatchBody {
     /// A new number.
     #[serde(default, deserialize_with = "present")]
-    #[schema(nullable = false, minimum = 1, maximum = 1000000000)]
-    number: Option<i64>,
+    #[schema(value_type = Option<i64>, nullable = false, minimum = 1, maximum = 1000000000)]
+    number: Option<Integer>,
     /// A new session; null takes the trial out of its session.
     #[serde(default, deserialize_with = "present")]
     #[schema(value_type = Option<i64>, minimum = 0, maximum = 1000000000)]
-    session: Option<Option<i64>>,
+    session: Option<Option<Integer>>,
 }
 
 /// A number or session within its range.
@@ -162,10 +162,11 @@ pub async fn patch(
     MergePatch(body): MergePatch<TrialPatchBody>,
 ) -> ApiResult<Response> {
     let patch = TrialPatch {
-        number: body.number.map(|number| in_range(number, 1, "/number")).transpose()?,
+        number: body.number.map(|Integer(number)| in_range(number, 1, "/number")).transpose()?,
         session: match body.session {
-            Some(Some(session)) => Some(Some(in_range(session, 0, "/session")?)),
-            other => other,
+            Some(Some(Integer(session))) => Some(Some(in_range(session, 0, "/session")?)),
+            Some(None) => Some(None),
+            None => None,
         },
     };
     let if_match = insisted(&state, id, &headers).await?;

@@ -36,7 +36,7 @@ macro_rules! running_where {
     ($condition:literal) => {
         concat!(
             "SELECT id, status, attempts, cancel_requested, worker, available_at, lease_token, progress_done,
-                progress_total, progress_at, phase_began_at
+                progress_total, progress_at, phase_began_at, eta_s
              FROM analyses WHERE status = 'running' AND ",
             $condition
         )
@@ -109,9 +109,27 @@ fn worker_died(row: &SqliteRow, id: AnalysisId) -> StoreResult<Problem> {
 impl Store {
     /// Takes the oldest available queued analysis, counting an attempt. One `UPDATE … RETURNING`.
     ///
+    /// An analysis whose stored request is damaged fails at once, and the next one is taken.
+    ///
     /// # Errors
-    /// The database's own; [`StoreError::Damaged`] where the request cannot be read.
+    /// The database's own.
     pub async fn claim(&self, worker: &str, lease_s: f64) -> StoreResult<Option<Claim>> {
+        loop {
+            let Some((lease, row)) = self.take(worker, lease_s).await? else { return Ok(None) };
+            match json_verified(&row, "request", "request_sha256") {
+                Ok(request) => return Ok(Some(Claim { lease, request, attempt: attempts(&row)? })),
+                Err(StoreError::Damaged(why)) => {
+                    tracing::error!(analysis = %lease.analysis, %why, "a stored request is damaged");
+                    let problem = Problem::new(Code::Internal, "the stored request is damaged", why)
+                        .mend("Restore the database from a backup, or ask for the analysis again.");
+                    self.fail(&lease, &problem).await?;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    async fn take(&self, worker: &str, lease_s: f64) -> StoreResult<Option<(Lease, SqliteRow)>> {
         let mut tx = self.begin().await?;
         let now = self.now_us();
         let token = Uuid::new_v4().to_string();
@@ -131,12 +149,7 @@ impl Store {
         .fetch_optional(&mut *tx)
         .await?;
         tx.commit().await?;
-        let Some(row) = row else { return Ok(None) };
-        Ok(Some(Claim {
-            lease: Lease { analysis: parsed(&row, "id")?, token },
-            request: json_verified(&row, "request", "request_sha256")?,
-            attempt: attempts(&row)?,
-        }))
+        row.map(|row| Ok((Lease { analysis: parsed(&row, "id")?, token }, row))).transpose()
     }
 
     /// Extends the lease and writes progress; `Held::Lost` when the lease is somebody else's or the row is gone.
@@ -155,6 +168,8 @@ impl Store {
         let observed: Option<i64> = get(&row, "progress_at")?;
         let mut eta = EtaEstimator::resume(phase_began.unwrap_or(now), observed.unwrap_or(now), before);
         eta.observe(now, progress);
+        let eta_before: Option<f64> = get(&row, "eta_s")?;
+        let seen_to_change = progress != before || eta.eta_s() != eta_before;
         sqlx::query(
             "UPDATE analyses SET lease_expires_at = $3, progress_done = $4, progress_total = $5, progress_at = $6,
                 phase_began_at = $7, eta_s = $8, version = version + $9, updated_at = CASE WHEN $9 > 0 THEN $6 ELSE updated_at END
@@ -168,7 +183,7 @@ impl Store {
         .bind(now)
         .bind(eta.phase_began_us())
         .bind(eta.eta_s())
-        .bind(i64::from(progress != before))
+        .bind(i64::from(seen_to_change))
         .execute(&mut *tx)
         .await?;
         let cancel: bool = get(&row, "cancel_requested")?;

@@ -226,6 +226,7 @@ async fn a_study_is_analysed_trial_by_trial() {
         (json!({"kind": "frequency_response", "spec": {"linse": 1}}), "/spec/linse"),
         (json!({"kind": "frequency_response", "spec": {"linse": 1}, "filter": {"group": "nobody"}}), "/spec/linse"),
         (json!({"kind": "frequency_response", "filter": {"grop": "gm"}}), "/filter/grop"),
+        (json!({"kind": "frequency_response", "filter": ["gm"]}), "/filter"),
         (json!({"kind": "frequency_response", "filter": {"subject": lab.plant}}), "/filter/subject"),
         (json!({"kind": "frequency_response", "filter": {"plant": lab.subject}}), "/filter/plant"),
         (json!({"kind": "frequency_response", "filter": {"number_from": 3, "number_to": 2}}), "/filter/number_to"),

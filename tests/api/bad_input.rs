@@ -22,6 +22,7 @@ async fn json_bodies() {
     let refusals: Vec<Refusal> = vec![
         (study, json!({}), 422, "invalid", "/name"),
         (study, json!([]), 422, "invalid", "/"),
+        (study, json!(["a"]), 422, "invalid", "/"),
         (study, json!({"name": 7}), 422, "invalid", "/name"),
         (study, json!({"name": null}), 422, "invalid", "/name"),
         (study, json!({"name": ""}), 422, "invalid", "/name"),

@@ -9,14 +9,14 @@ fn the_committed_document_is_the_program_s() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/openapi/openapi.json");
     let committed = std::fs::read_to_string(path).unwrap_or_default();
     assert!(
-        committed == volition::api::openapi_json(),
+        committed == format!("{}\n", volition::api::document()),
         "openapi/openapi.json is not what the program says; write it anew: volition openapi > openapi/openapi.json"
     );
 }
 
 #[test]
 fn operations_are_whole() {
-    let document: Value = serde_json::from_str(&volition::api::openapi_json()).unwrap();
+    let document: Value = serde_json::from_str(&volition::api::document()).unwrap();
     let mut ids = BTreeSet::new();
     for (path, item) in document["paths"].as_object().unwrap() {
         for (method, operation) in item.as_object().unwrap() {
@@ -152,7 +152,7 @@ async fn every_operation_succeeds_over_http() {
 async fn uploads_take_every_documented_media_type() {
     let server = TestServer::start().await;
     let lab = server.lab().await;
-    let document: Value = serde_json::from_str(&volition::api::openapi_json()).unwrap();
+    let document: Value = serde_json::from_str(&volition::api::document()).unwrap();
     let body = &document["paths"]["/v1/subjects/{subject}/trials"]["post"]["requestBody"]["content"];
     let documented: BTreeSet<&str> = body.as_object().unwrap().keys().map(String::as_str).collect();
     assert_eq!(documented, BTreeSet::from(["application/json", "multipart/form-data", "text/csv"]));

@@ -54,6 +54,11 @@ async fn names_are_taken_once_per_study() {
     let lab = server.lab().await;
     let body = json!({"name": "gm", "model": {"num": [1.0], "den": [1.0, 1.0]}});
     server.post(&format!("/v1/studies/{}/plants", lab.study), &body).await.problem(409, "conflict");
+    let third = server
+        .post(&format!("/v1/studies/{}/plants", lab.study), &json!({"name": "x", "model": body["model"]}))
+        .await
+        .id(201);
+    server.patch(&format!("/v1/plants/{third}"), &json!({"name": "gm"})).await.problem(409, "conflict");
     let other = server.study().await;
     server.post(&format!("/v1/studies/{other}/plants"), &body).await.json(201);
     server.finish().await;

@@ -65,7 +65,7 @@ async fn health_and_metrics() {
 #[tokio::test]
 async fn the_document_and_its_pages_come_from_here() {
     let server = TestServer::start().await;
-    assert_eq!(server.get("/openapi.json").await.text(), volition::api::openapi_json());
+    assert_eq!(server.get("/openapi.json").await.text(), volition::api::document());
     let page = server.get("/docs/").await;
     assert_eq!(page.status, 200);
     assert!(page.header("content-type").starts_with("text/html"));

@@ -13,6 +13,8 @@ async fn a_trial_is_renumbered_and_deleted() {
     server.patch(&path, &json!({"number": 2, "session": 1})).await.problem(409, "conflict");
     let refused = server.patch(&path, &json!({"number": 0})).await.problem(422, "invalid");
     assert_eq!(refused["where"], "/number");
+    assert_eq!(server.patch(&path, &json!([])).await.problem(422, "invalid")["where"], "/", "an array is no patch");
+    assert_eq!(server.patch(&path, &json!({"number": 8.0})).await.json(200)["number"], 8);
     server.patch(&path, &json!({"plant": lab.plant})).await.problem(422, "invalid");
     assert_eq!(server.delete(&path).await.status, 204);
     server.get(&path).await.problem(404, "not_found");

@@ -6,12 +6,8 @@ use std::io::Write as _;
 use std::process::{Output, Stdio};
 
 fn run(document: &str) -> Output {
-    let mut child = volition(&["run", "-"])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child =
+        volition(&["run", "-"]).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     child.stdin.take().unwrap().write_all(document.as_bytes()).unwrap();
     child.wait_with_output().unwrap()
 }

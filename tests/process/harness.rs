@@ -118,7 +118,8 @@ impl Server {
         let member = &simulated.groups[0].members[0];
         let study = id(&self.post("/v1/studies", &json!({"name": "simulated", "display_limit": 8.0})).await);
         let model = json!({"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null});
-        let plant = id(&self.post(&format!("/v1/studies/{study}/plants"), &json!({"name": "gm", "model": model})).await);
+        let plant =
+            id(&self.post(&format!("/v1/studies/{study}/plants"), &json!({"name": "gm", "model": model})).await);
         let subject = id(&self.post(&format!("/v1/studies/{study}/subjects"), &json!({"code": "S1"})).await);
         let mut ids = Vec::new();
         for number in 1..=trials {

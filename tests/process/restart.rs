@@ -11,8 +11,9 @@ async fn signals_and_reports_are_the_same_bits_after_a_restart() {
     let database = folder.path().join("lab.db");
     let mut server = Server::start(&database, &[]);
     let (study, trials) = server.simulated_study(2).await;
-    let analysis =
-        id(&server.post("/v1/analyses", &json!({"kind": "ssid", "inputs": {"trial": trials[0]}, "spec": quick_spec()})).await);
+    let analysis = id(&server
+        .post("/v1/analyses", &json!({"kind": "ssid", "inputs": {"trial": trials[0]}, "spec": quick_spec()}))
+        .await);
     let settled = server.settled(&study).await;
     assert_eq!(settled[0]["status"], "succeeded", "{}", settled[0]);
     let report = server.get_bytes(&format!("/v1/analyses/{analysis}/report"), "application/json").await;

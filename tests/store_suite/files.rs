@@ -5,6 +5,7 @@ use sqlx::Connection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use std::path::{Path, PathBuf};
 use volition::jobs::Status;
+use volition::store::AnalysisFilter;
 
 fn place() -> (tempfile::TempDir, PathBuf) {
     let directory = directory();
@@ -288,6 +289,19 @@ async fn damage_is_noticed_and_named() {
     assert_damaged(store.library(&references).await, "model");
     assert_eq!(tamper(&path, "UPDATE analyses SET request = replace(request, 'appendix_b', 'appendix_c')").await, 1);
     assert_damaged(store.analysis(analysis.id).await, "request");
+    // Not computed, and not tried again and again either.
+    let spoiled = store.create_analysis(new_analysis(Vec::new()), None).await.unwrap().into_inner().id;
+    let sound = store.create_analysis(new_analysis(Vec::new()), None).await.unwrap().into_inner().id;
+    let mut meddler = meddle(&path).await;
+    sqlx::query("UPDATE analyses SET request = replace(request, 'appendix_b', 'appendix_c') WHERE id = $1")
+        .bind(spoiled.to_string())
+        .execute(&mut meddler)
+        .await
+        .unwrap();
+    meddler.close().await.unwrap();
+    assert_eq!(store.claim("w", 15.0).await.unwrap().unwrap().lease.analysis, sound);
+    let failed = AnalysisFilter { status: Some(Status::Failed), ..AnalysisFilter::default() };
+    assert_damaged(store.analyses(failed, EVERYTHING).await, &spoiled.to_string());
     store.close().await;
 }
 

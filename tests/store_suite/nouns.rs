@@ -170,3 +170,25 @@ async fn a_plant_in_use_stays_and_an_unused_one_goes_with_its_analyses() {
     assert_not_found(store.plant(plant).await, "plant");
     assert_not_found(store.analysis(named.id).await, "analysis");
 }
+
+/// A client that hangs up drops the handler's future wherever it is; the one writer must come back whole.
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn abandoned_requests_do_not_wedge_the_writer() {
+    let bench = Bench::new().await;
+    let study = bench.study().await;
+    let mut finished = 0;
+    for k in 0..300_u64 {
+        let patience = std::time::Duration::from_micros(7 * (k % 100));
+        let code = format!("S{k:03}");
+        let request = bench.store.create_subject(study, new_subject(&code), None);
+        finished += usize::from(tokio::time::timeout(patience, request).await.is_ok());
+    }
+    let last = bench.store.create_subject(study, new_subject("last"), None);
+    let last =
+        tokio::time::timeout(std::time::Duration::from_secs(30), last).await.expect("the writer is wedged").unwrap();
+    let stored = bench.store.subjects(study, None, EVERYTHING).await.unwrap();
+    // Whoever got an answer is stored; of those who hung up, each is stored whole or not at all.
+    assert!(stored.len() > finished && stored.len() <= 301);
+    assert_eq!(stored.last().unwrap(), &last.into_inner());
+    assert!(stored.iter().all(|subject| subject.attributes == new_subject("").attributes));
+}

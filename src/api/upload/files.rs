@@ -1,9 +1,9 @@
 //! Files as they are uploaded, and how they become trials.
 
-use super::extract::shortened;
-use super::problem::ApiResult;
-use super::state::Limits;
 use crate::analysis::{Code, Problem};
+use crate::api::extract::shortened;
+use crate::api::problem::ApiResult;
+use crate::api::state::Limits;
 use crate::trial::csv::{self, ColumnMapping, Options};
 use crate::trial::gzip::GzipReader;
 use crate::trial::{ReadError, ReadTrial, Trial, json};

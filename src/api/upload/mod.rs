@@ -1,0 +1,318 @@
+//! Uploading trials: one as CSV or JSON, many as files of one form.
+
+mod assign;
+mod files;
+mod keep;
+
+use super::etag;
+use super::extract::{
+    Encoding, FromQuery, Id, Integer, Params, QueryText, encoding, media_type, off_thread, read_body, unsupported,
+};
+use super::idempotency::{IDEMPOTENT_REPLAYED, Idempotency, IdempotencyHeader};
+use super::problem::{ApiResult, internal};
+use super::state::AppState;
+use super::subjects::SubjectPath;
+use super::trials::{MAX_NUMBER, TrialView};
+use crate::analysis::ids::{PlantId, SubjectId};
+use crate::analysis::{Code, Problem, Warning};
+use crate::store::{Created, Plant};
+use crate::trial::csv::ColumnMapping;
+use assign::{Wanted, assignments, plants, with_metadata};
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::Response;
+use files::File;
+use keep::{parse_all, remarks, store};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use utoipa::{IntoParams, ToSchema};
+
+/// What the files do not say themselves.
+#[derive(Debug, Clone, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct UploadQuery {
+    /// The plant that the trial was recorded on, of the subject's study. Needed unless a form's `metadata` names one for
+    /// each file.
+    #[param(nullable = false)]
+    pub plant: Option<PlantId>,
+    /// The trial's number; without it, the next free one within the session (the answer says which). Several files of a
+    /// form are numbered from here in succession.
+    #[param(minimum = 1, maximum = 1000000000, nullable = false)]
+    pub number: Option<i64>,
+    /// The session.
+    #[param(minimum = 0, maximum = 1000000000, nullable = false)]
+    pub session: Option<i64>,
+    /// Time between samples in seconds; needed where there is no time column, checked against it where there is one.
+    #[param(exclusive_minimum = 0, nullable = false)]
+    pub sample_time_s: Option<f64>,
+    /// Names of CSV columns where they are not `t,r,u,y,d`: pairs `signal:column` separated by commas, with the signals
+    /// `time`, `command`, `control`, `output`, `disturbance`.
+    #[param(value_type = Option<String>, nullable = false, example = "command:target,output:cursor")]
+    pub columns: Option<ColumnMapping>,
+}
+
+impl FromQuery for UploadQuery {
+    fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
+        let plant = query.id("plant")?;
+        let number = query.integer("number", 1, MAX_NUMBER)?;
+        let session = query.integer("session", 0, MAX_NUMBER)?;
+        let sample_time_s = query.number("sample_time_s")?;
+        if let Some(bad) = sample_time_s.filter(|value| *value <= 0.0) {
+            return Err(Problem::new(Code::Malformed, "bad query parameter", format!("the sample time is {bad} s"))
+                .at("query parameter sample_time_s")
+                .mend("Give a positive number of seconds."));
+        }
+        let columns = query.take("columns")?.map(|text| columns(&text)).transpose()?;
+        Ok(Self { plant, number, session, sample_time_s, columns })
+    }
+}
+
+fn columns(text: &str) -> Result<ColumnMapping, Problem> {
+    let bad = |why: String| {
+        Problem::new(Code::Malformed, "bad query parameter", why)
+            .at("query parameter columns")
+            .mend("Give pairs such as command:target,output:cursor.")
+    };
+    let mut mapping = ColumnMapping::default();
+    for pair in text.split(',') {
+        let Some((signal, column)) = pair.split_once(':') else {
+            return Err(bad(format!("'{pair}' is no pair signal:column")));
+        };
+        let place = match signal.trim() {
+            "time" | "t" => &mut mapping.time,
+            "command" | "r" => &mut mapping.command,
+            "control" | "u" => &mut mapping.control,
+            "output" | "y" => &mut mapping.output,
+            "disturbance" | "d" => &mut mapping.disturbance,
+            other => {
+                return Err(bad(format!(
+                    "there is no signal '{other}'; there are time, command, control, output and disturbance"
+                )));
+            }
+        };
+        if column.trim().is_empty() {
+            return Err(bad(format!("the signal '{}' is given no column", signal.trim())));
+        }
+        if place.replace(column.trim().to_owned()).is_some() {
+            return Err(bad(format!("the signal '{}' is given twice", signal.trim())));
+        }
+    }
+    Ok(mapping)
+}
+
+/// One file of a form, in its part `metadata`.
+#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"file": "s07_12.csv.gz", "number": 12, "session": 1}))]
+pub struct FileMetadata {
+    /// The name of one of the files.
+    file: String,
+    /// The trial's number; without it, as the query says.
+    #[schema(value_type = Option<i64>, minimum = 1, maximum = 1000000000)]
+    number: Option<Integer>,
+    /// The session; without it, as the query says.
+    #[schema(value_type = Option<i64>, minimum = 0, maximum = 1000000000)]
+    session: Option<Integer>,
+    /// The plant; without it, as the query says.
+    plant: Option<PlantId>,
+}
+
+/// A form with files.
+#[derive(Debug, ToSchema)]
+#[allow(dead_code, reason = "documents a form")]
+pub struct UploadForm {
+    /// CSV files, or CSV files packed with gzip (their names end in `.gz`). Every part with a file name is one, whatever
+    /// the part's own name.
+    #[schema(value_type = Vec<String>, format = Binary)]
+    files: Vec<Vec<u8>>,
+    /// What the files do not say themselves, file by file; a part of type `application/json`.
+    #[schema(nullable = false)]
+    metadata: Option<Vec<FileMetadata>>,
+}
+
+/// A recording as JSON.
+#[derive(Debug, ToSchema)]
+#[schema(as = NewTrial, example = json!({"sample_time_s": 0.02, "r": [0.0, 0.5, 1.0], "u": [0.0, 0.2, 0.4], "y": [0.0, 0.1, 0.3]}))]
+#[allow(dead_code, reason = "documents what the trial reader takes")]
+pub struct NewTrialBody {
+    /// Time between samples, in seconds; may be left out where there is `t`.
+    #[schema(exclusive_minimum = 0)]
+    sample_time_s: Option<f64>,
+    /// Time in seconds.
+    t: Option<Vec<f64>>,
+    /// Command.
+    r: Vec<f64>,
+    /// Control.
+    u: Vec<f64>,
+    /// Output.
+    y: Vec<f64>,
+    /// Disturbance at the plant's input.
+    d: Option<Vec<f64>>,
+}
+
+/// An uploaded trial.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct UploadedTrial {
+    #[serde(flatten)]
+    trial: TrialView,
+    /// The file that it came from, where it was one of a form.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    file: Option<String>,
+    /// Whether this subject had a trial with this content already; that one is shown, and nothing was stored.
+    duplicate: bool,
+    /// Whether the number was chosen by the server.
+    number_assigned: bool,
+    /// Columns of the file that are no signals, by name.
+    ignored_columns: Vec<String>,
+    /// What must be read before using the trial.
+    warnings: Vec<Warning>,
+}
+
+/// The trials of a form, in the order of its files.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct UploadedTrials {
+    items: Vec<UploadedTrial>,
+}
+
+/// What is uploaded, by media type.
+enum Kind {
+    Csv,
+    Json,
+    Form { boundary: String },
+}
+
+impl Kind {
+    fn of(headers: &HeaderMap) -> Result<Self, Problem> {
+        match media_type(headers).as_deref() {
+            Some("text/csv") => Ok(Self::Csv),
+            Some("application/json") => Ok(Self::Json),
+            Some("multipart/form-data") => {
+                let text = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
+                files::boundary(text).map(|boundary| Self::Form { boundary })
+            }
+            _ => Err(unsupported(headers, "text/csv, application/json or multipart/form-data")),
+        }
+    }
+}
+
+/// Uploads trials: all of a request or none.
+///
+/// CSV has a header row that names the columns `t,r,u,y[,d]`; other columns are left out and reported. Sample times are
+/// checked against the time column. The same content sent again for the same subject is recognised by its hash and not
+/// stored twice. The body may be packed (`Content-Encoding: gzip`).
+#[utoipa::path(post, path = "/v1/subjects/{subject}/trials", tag = "trials", operation_id = "upload_trials",
+    params(SubjectPath, UploadQuery, IdempotencyHeader),
+    request_body(content(
+        (String = "text/csv", example = "t,r,u,y\n0.00,0.0,0.0,0.0\n0.02,0.5,0.2,0.1\n0.04,1.0,0.4,0.3\n"),
+        (NewTrialBody = "application/json"), (UploadForm = "multipart/form-data"))),
+    responses(
+        (status = 201, description = "Stored; Location names a single trial. A form is answered by a list.",
+            body = inline(Uploaded)),
+        (status = 200, description = "All of the content was stored before; nothing was stored now.", body = inline(Uploaded)),
+        (status = 409, description = "The number is taken by another trial of the session.")))]
+pub async fn upload(
+    State(state): State<AppState>,
+    Id(subject): Id<SubjectId>,
+    Params(query): Params<UploadQuery>,
+    idempotency: Idempotency,
+    headers: HeaderMap,
+    body: Body,
+) -> ApiResult<Response> {
+    let kind = Kind::of(&headers)?;
+    let packing = encoding(&headers)?;
+    let subject = state.store.subject(subject).await?;
+    // Bounds the memory that bodies and parsed trials take together.
+    let _permit = state.uploads.clone().acquire_owned().await.map_err(|_| internal())?;
+    let bytes = read_body(&state, &headers, body).await?;
+    let key = idempotency.key(&bytes);
+
+    let is_form = matches!(kind, Kind::Form { .. });
+    let files = unpacked(&state, kind, packing, bytes).await?;
+    let (files, metadata) = with_metadata(files)?;
+    let wanted = assignments(&files, metadata, &query)?;
+    let plants = plants(&state, &subject, &wanted).await?;
+    let limits = state.limits;
+    let with_plants: Vec<(Wanted, Arc<Plant>)> = wanted.iter().map(|w| (w.clone(), plants[&w.plant].clone())).collect();
+    let (new, said) = off_thread(move || parse_all(files, &with_plants, &limits, &query)).await??;
+
+    let (numbers, outcome) = store(&state, &subject, &wanted, new, key.as_ref()).await?;
+    let mut items = Vec::with_capacity(outcome.len());
+    for (((made, said), number), wanted) in outcome.iter().zip(said).zip(numbers).zip(&wanted) {
+        let record = made.clone().into_inner();
+        let mut warnings = said.warnings;
+        warnings.extend(remarks(&state, &subject, made, &record, wanted, number).await?);
+        items.push(UploadedTrial {
+            number_assigned: wanted.number.is_none() && !matches!(made, Created::Duplicate(_)),
+            duplicate: matches!(made, Created::Duplicate(_)),
+            trial: TrialView::from(record),
+            file: said.name,
+            ignored_columns: said.ignored_columns,
+            warnings,
+        });
+    }
+    let status = if outcome.iter().all(|made| matches!(made, Created::Duplicate(_))) {
+        StatusCode::OK
+    } else {
+        StatusCode::CREATED
+    };
+    let replayed = outcome.iter().any(|made| matches!(made, Created::Replayed(_)));
+    let mut response = if is_form {
+        etag::tagged(status, &UploadedTrials { items })?
+    } else {
+        let item = items.into_iter().next().ok_or_else(internal)?;
+        let location = format!("/v1/trials/{}", item.trial.id);
+        super::created(etag::tagged(status, &item)?, location)
+    };
+    // The body also says what was done, so it is no representation that could be revalidated.
+    response.headers_mut().remove(header::ETAG);
+    if replayed {
+        response.headers_mut().insert(IDEMPOTENT_REPLAYED, HeaderValue::from_static("true"));
+    }
+    Ok(response)
+}
+
+/// One trial, or the trials of a form.
+#[derive(Debug, ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code, clippy::large_enum_variant, reason = "documents the two forms of the answer")]
+pub enum Uploaded {
+    /// Of CSV or JSON.
+    One(UploadedTrial),
+    /// Of a form.
+    Many(UploadedTrials),
+}
+
+/// The files of a request, in memory and as they came, but for a packed form.
+async fn unpacked(state: &AppState, kind: Kind, packing: Encoding, bytes: Vec<u8>) -> ApiResult<Vec<File>> {
+    let gzip = packing == Encoding::Gzip;
+    match kind {
+        Kind::Csv => Ok(vec![File { name: None, gzip, json: false, bytes: bytes.into() }]),
+        Kind::Json => Ok(vec![File { name: None, gzip, json: true, bytes: bytes.into() }]),
+        Kind::Form { boundary } => {
+            let limits = state.limits;
+            let bytes = if gzip {
+                off_thread(move || files::unpack(&bytes, limits.max_decompressed_bytes)).await??
+            } else {
+                bytes
+            };
+            files::of_form(bytes.into(), &boundary, &limits).await
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn column_names_are_read_pair_by_pair() {
+        let mapping = columns("command:target, y:cursor:px").unwrap();
+        assert_eq!(mapping.command.as_deref(), Some("target"));
+        assert_eq!(mapping.output.as_deref(), Some("cursor:px"));
+        for bad in ["", "command", "speed:v", "command:", "r:a,command:b"] {
+            assert_eq!(columns(bad).unwrap_err().location.as_deref(), Some("query parameter columns"), "{bad}");
+        }
+    }
+}
