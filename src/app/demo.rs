@@ -4,13 +4,13 @@ pub mod simulate;
 pub mod tables;
 
 use super::import::progress_bar;
-use crate::analysis::ids::StudyId;
+use crate::analysis::ids::{StudyId, TrialId};
 use crate::analysis::report::sha256_json;
 use crate::analysis::{Plan, Request};
 use crate::api::{AppState, router};
 use crate::jobs::Status;
 use crate::learning::StudyLearningCurves;
-use crate::plants::SimulatedStudy;
+use crate::plants::{Plant, SimulatedStudy};
 use crate::store::{AnalysisFilter, AnalysisRecord, NewAnalysis, Page, Store};
 use crate::worker::{Analyses, Worker, WorkerSettings};
 use anyhow::{Context as _, bail};
@@ -27,6 +27,9 @@ use tower::ServiceExt as _;
 
 /// The trials that are simulated, out of a practice of forty (Zhang 2015, section 5.2).
 const TRIALS: [u32; 6] = [1, 5, 10, 20, 30, 40];
+
+/// The band of the command, 0 to 0.5 Hz, over which norms are taken (Zhang 2015, section 5.7).
+const BAND_RAD_S: (f64, f64) = (0.0, std::f64::consts::PI);
 
 /// How often the queue is looked at for the progress bar.
 const LOOK: Duration = Duration::from_millis(100);
@@ -88,13 +91,14 @@ pub async fn run(args: &DemoArgs, store: &Store, out: &mut impl Write) -> anyhow
     }
     let simulated =
         Arc::new(SimulatedStudy::two_groups(usize::from(args.subjects), TRIALS[TRIALS.len() - 1], args.seed)?);
+    let truth = simulate::truth(&simulated, &TRIALS, BAND_RAD_S)?;
     let bar = progress_bar("trials simulated");
     let stored = simulate::store_study(store, simulated, &TRIALS, args.seed, &bar).await;
     bar.finish_and_clear();
     let stored = stored?;
 
     let requests: Vec<NewAnalysis> =
-        stored.trials.iter().map(|trial| request(stored.study, *trial)).collect::<Result<_, _>>()?;
+        stored.trials.iter().map(|(trial, plant)| request(stored.study, *trial, *plant)).collect::<Result<_, _>>()?;
     store.create_analyses(requests, None).await?;
     let began = Instant::now();
     let finished = work(store, stored.study, args.compute_threads).await?;
@@ -116,9 +120,9 @@ pub async fn run(args: &DemoArgs, store: &Store, out: &mut impl Write) -> anyhow
         out,
         "Subsystem identification: {succeeded} of {} trials in {seconds:.1} s, pool {}",
         finished.len(),
-        spec()["pool"]
+        pool()
     )?;
-    tables::print(out, &curves)?;
+    tables::print(out, &curves, &truth)?;
     tables::print_reading(out, &curves)?;
     for analysis in &failed {
         let why = analysis.problem.as_ref().map_or_else(|| "no reason given".to_owned(), ToString::to_string);
@@ -134,14 +138,21 @@ pub async fn run(args: &DemoArgs, store: &Store, out: &mut impl Write) -> anyhow
 }
 
 /// How every trial is identified: the sampled pool of Zhang 2015, appendix C, thinned to what a laptop searches in a second.
-fn spec() -> serde_json::Value {
-    json!({
-        "pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 8, "zeros": 8, "damping": 2, "gains": 2}},
-    })
+fn pool() -> serde_json::Value {
+    json!({"name": "zhang2015_appendix_c", "thin": {"poles": 12, "zeros": 12, "damping": 6, "gains": 3}})
 }
 
-fn request(study: StudyId, trial: crate::analysis::ids::TrialId) -> anyhow::Result<NewAnalysis> {
-    let written = Request { kind: "ssid".to_owned(), inputs: json!({"trial": trial}), spec: spec() };
+/// The degree of the FIR feedforward that comes within 0.1 % of the inverse dynamics (Zhang 2015, section 5.6.2: 2 for a
+/// minimum-phase plant, 6 for a nonminimum-phase one).
+fn feedforward_degree(plant: Plant) -> u32 {
+    if plant == Plant::MinimumPhase { 2 } else { 6 }
+}
+
+fn request(study: StudyId, trial: TrialId, plant: Plant) -> anyhow::Result<NewAnalysis> {
+    let degree = feedforward_degree(plant);
+    let spec =
+        json!({"pool": pool(), "feedforward_numerator_degree": degree, "feedforward_denominator_degree": degree});
+    let written = Request { kind: "ssid".to_owned(), inputs: json!({"trial": trial}), spec };
     let plan = Plan::parse(&written).context("the demonstration's own request is refused")?;
     let request = plan.request();
     let references = plan.references();

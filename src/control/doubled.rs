@@ -5,7 +5,7 @@
 
 /// `high + low`, with `|low|` at most half a unit in the last place of `high`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Doubled {
+pub(crate) struct Doubled {
     high: f64,
     low: f64,
 }

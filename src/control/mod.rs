@@ -5,7 +5,7 @@
 pub mod bode;
 pub mod conversion;
 pub mod discretise;
-mod doubled;
+pub(crate) mod doubled;
 pub mod exponential;
 pub mod model;
 pub mod simulate;

@@ -1,7 +1,9 @@
 //! How far identified controllers are from the inverse dynamics (Zhang 2015, sections 3.6 and 5.7).
 
 use super::quadrature::{NoIntegral, Sample, mean};
+use crate::control::doubled::Doubled;
 use crate::control::{System, TimeBase as _};
+use crate::num::Polynomial;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -12,8 +14,7 @@ const SAME_SAMPLE_TIME: f64 = 1e-9;
 /// Band averages of moduli, `‖X‖ = 1/(ω₂ − ω₁) ∫_{ω₁}^{ω₂} |X(jω)| dω` (sampled: `X(e^{jωT})`).
 ///
 /// Zhang 2015, section 3.6 (first two) and section 5.7 (first and third). Computed by adaptive 7/15-point Gauss–Kronrod
-/// quadrature until the estimated error is below 1e-9 of the value, or below 1e-6 where the rounding of the controllers'
-/// coefficients allows no better (FIR controllers at high sample rates).
+/// quadrature until the estimated error is below 1e-9 of the value, from responses evaluated in doubled precision.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ControllerMetrics {
     /// ‖Gfb‖, in units of u per unit of error; null where it is infinite.
@@ -184,10 +185,48 @@ fn quotient((num, den): (Complex64, Complex64)) -> Complex64 {
 }
 
 /// Numerator and denominator at the angular frequency `omega`.
+///
+/// Evaluated in doubled precision: the FIR feedforward that inverts a plant sampled at 50 Hz has coefficients of 10⁸ that
+/// cancel to 1 at the frequencies of interest, and plain Horner would leave noise of 10⁻⁸ in which no quadrature converges.
 pub(super) fn fraction(system: &System, omega: f64) -> (Complex64, Complex64) {
     let x = match system {
         System::Continuous(g) => g.time().point(omega),
         System::Discrete(g) => g.time().point(omega),
     };
-    (system.num().eval(x), system.den().eval(x))
+    (evaluate(system.num(), x), evaluate(system.den(), x))
+}
+
+/// The value of a polynomial by Horner's rule in doubled precision.
+fn evaluate(polynomial: &Polynomial, x: Complex64) -> Complex64 {
+    let (mut re, mut im) = (Doubled::default(), Doubled::default());
+    for c in polynomial.coefficients() {
+        let product_re = re.mul(x.re).sub(im.mul(x.im));
+        im = re.mul(x.im).add(im.mul(x.re));
+        re = product_re.add((*c).into());
+    }
+    Complex64::new(re.value(), im.value())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cancelling_coefficients_keep_their_value() {
+        // (x − 1)⁶ · 10⁸ expanded, near x = 1: each of its terms is 10⁹, their sum 10⁻⁴.
+        let binomial = [1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0].map(|c| c * 1e8);
+        let x = Complex64::from_polar(1.0, 0.01);
+        let exact = 1e8 * (x - 1.0).powi(6);
+        let value = evaluate(&Polynomial::new(binomial), x);
+        assert!((value / exact - 1.0).norm() < 1e-9, "{value} {exact}");
+        let plain = Polynomial::new(binomial).eval(x);
+        assert!((plain / exact - 1.0).norm() > 1e-6, "the case no longer shows what it is for: {plain}");
+    }
+
+    #[test]
+    fn ordinary_values_are_those_of_the_plain_rule() {
+        let p = Polynomial::new(vec![1.0, 3.6, 4.0]);
+        let x = Complex64::new(0.3, 1.7);
+        assert!((evaluate(&p, x) - p.eval(x)).norm() < 1e-14);
+    }
 }

@@ -1,11 +1,14 @@
 //! A simulated study in the store, measured and checked like an uploaded one.
 
+use super::tables::Truth;
 use crate::analysis::ids::{StudyId, TrialId};
 use crate::analysis::report::hexadecimal;
 use crate::control::System;
+use crate::learning::frequency_domain::{MetricsError, controller_metrics_of};
 use crate::learning::time_domain::metrics;
-use crate::plants::SimulatedStudy;
+use crate::num::Complex64;
 use crate::plants::study::Member;
+use crate::plants::{Plant, SimulatedStudy};
 use crate::store::{NewPlant, NewStudy, NewSubject, NewTrial, Store};
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -20,8 +23,8 @@ pub struct Stored {
     pub study: StudyId,
     /// Its name.
     pub name: String,
-    /// Its trials.
-    pub trials: Vec<TrialId>,
+    /// Its trials, each with its plant.
+    pub trials: Vec<(TrialId, Plant)>,
 }
 
 /// Simulates the trials `numbers` of every subject and stores them.
@@ -66,12 +69,33 @@ pub async fn store_study(
                     trial,
                 };
                 let created = store.create_trials(subject, vec![new], None).await?;
-                trials.extend(created.into_iter().map(|one| one.into_inner().id));
+                trials.extend(created.into_iter().map(|one| (one.into_inner().id, group.plant)));
                 bar.inc(1);
             }
         }
     }
     Ok(Stored { study, name, trials })
+}
+
+/// The norms of the controllers that the simulated subjects really have, delay and preview included, in the trials `numbers`.
+///
+/// # Errors
+/// For a band that makes no sense.
+pub fn truth(study: &SimulatedStudy, numbers: &[u32], band_rad_s: (f64, f64)) -> Result<Truth, MetricsError> {
+    let one = Complex64::new(1.0, 0.0);
+    let mut truth = Truth::new();
+    for member in study.groups.iter().flat_map(|g| &g.members) {
+        for number in numbers {
+            let norms = controller_metrics_of(
+                |omega| (member.subject.plant_response(omega), one),
+                |omega| member.subject.feedforward_response(*number, omega),
+                |omega| member.subject.feedback_response(omega),
+                band_rad_s,
+            )?;
+            truth.insert((member.code.clone(), i64::from(*number)), norms);
+        }
+    }
+    Ok(truth)
 }
 
 fn simulate(
