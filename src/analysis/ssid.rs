@@ -45,7 +45,8 @@ const RESULT_VERSION: u32 = 1;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     inputs: SsidInputs,
-    spec: CheckedSpec,
+    /// Boxed: it is much larger than the plans of other kinds.
+    spec: Box<CheckedSpec>,
 }
 
 /// What the inputs give the identification.
@@ -64,7 +65,7 @@ impl Plan {
     /// A [`Problem`] with the JSON pointer of what is wrong.
     pub fn parse(request: &Request) -> Result<Self, Problem> {
         let inputs = SsidInputs::parse(&request.inputs)?;
-        let spec = CheckedSpec::parse(&request.spec, inputs.is_frequency_data())?;
+        let spec = Box::new(CheckedSpec::parse(&request.spec, inputs.is_frequency_data())?);
         if let Some(plant) = inputs.inline_plant() {
             problems::check_plant(plant, "/inputs/plant")?;
         }

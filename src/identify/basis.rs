@@ -78,7 +78,9 @@ impl Part {
                 }
             }
             let after = norm(&values);
-            if !(after > INDEPENDENT * before) {
+            // Written so that NaN fails too.
+            let is_independent = after > INDEPENDENT * before;
+            if !is_independent {
                 return Err(fail);
             }
             values.iter_mut().for_each(|v| *v /= after);

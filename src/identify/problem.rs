@@ -81,7 +81,7 @@ impl Lines {
             let weight = weights.map_or(1.0, |w| w[k]);
             let why = if nyquist.is_some_and(|limit| omega > limit) {
                 Some(Unusable::AboveNyquist)
-            } else if !(magnitudes[k] < typical / SINGULAR) {
+            } else if magnitudes[k].is_nan() || magnitudes[k] >= typical / SINGULAR {
                 Some(Unusable::PlantPole)
             } else if magnitudes[k] <= typical * SINGULAR {
                 Some(Unusable::PlantZero)

@@ -97,8 +97,8 @@ pub enum SsidError {
     /// The closed-loop poles were not found.
     #[error(transparent)]
     NoConvergence(#[from] NoConvergence),
-    /// A coefficient of the identified controllers overflows.
-    #[error("a coefficient of the identified {0} is not finite")]
+    /// The cost or a coefficient of the identified controllers overflows.
+    #[error("not finite: {0}")]
     NotFinite(&'static str),
 }
 
@@ -212,6 +212,9 @@ pub fn identify(
         });
     }
     let optimum = search.search(&problem, &pool, ctl)?;
+    if !optimum.cost.is_finite() {
+        return Err(SsidError::NotFinite("cost: the data are too large"));
+    }
     let position = pool.position(optimum.index);
     let candidate = pool.candidate(position);
     let fit = exact::fit(&problem, &candidate);
@@ -281,7 +284,7 @@ fn closed_loop(
         lines: &[Line],
     ) -> Result<(Vec<Complex64>, Vec<Complex64>), SsidError> {
         let closed = TwoDegreesOfFreedom::new(plant.clone(), feedforward.clone(), feedback.clone())
-            .map_err(|_| SsidError::NotFinite("loop"))?;
+            .map_err(|_| SsidError::NotFinite("closed loop"))?;
         let model = lines.iter().map(|line| closed.command_to_output(line.omega_rad_s)).collect();
         Ok((closed.poles()?, model))
     }
@@ -289,7 +292,7 @@ fn closed_loop(
         (System::Continuous(g), System::Continuous(ff), System::Continuous(fb)) => of(g, ff, fb, lines),
         (System::Discrete(g), System::Discrete(ff), System::Discrete(fb)) => of(g, ff, fb, lines),
         // The controllers were made in the plant's time base.
-        _ => Err(SsidError::NotFinite("time base")),
+        _ => Err(SsidError::NotFinite("time bases of plant and controllers")),
     }
 }
 

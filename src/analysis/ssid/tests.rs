@@ -149,6 +149,16 @@ fn every_refusal_names_its_place() {
 }
 
 #[test]
+fn data_that_overflow_are_refused() {
+    let mut request = request();
+    for h in request["inputs"]["frequency_response"]["h"].as_array_mut().unwrap() {
+        *h = json!([1e200, 1e200]);
+    }
+    let Err(Failure::Problem(problem)) = run(&request) else { panic!("passed") };
+    assert_eq!(problem.code, Code::Numerical, "{problem}");
+}
+
+#[test]
 fn a_sampled_pool_on_a_continuous_plant_needs_a_sample_time() {
     let mut request = request();
     request["spec"] = json!({"pool": {"grid": {"feedback_numerator": [[0.1, 0.2]], "feedback_denominator": [[-0.5]]}, "time": "sampled"}});

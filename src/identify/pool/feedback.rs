@@ -71,19 +71,34 @@ impl Row<'_> {
 /// left out and not counted.
 #[derive(Debug, Clone)]
 pub struct FeedbackTable {
-    pub(super) denominators: Vec<Factor>,
-    pub(super) numerators: Vec<Factor>,
-    pub(super) gains: Vec<f64>,
-    pub(super) zero: bool,
-    pub(super) normalisation: Normalisation,
-    /// Mapped plant denominator and numerator, both homogenised to the degree of the denominator.
-    pub(super) plant: (Vec<f64>, Vec<f64>),
-    /// Leading zeros of every closed-loop polynomial, from padding.
-    padding: usize,
+    lists: FeedbackLists,
+    plant: MappedPlant,
     /// Rows (denominator, zero or numerator) per block.
     rows_per_block: usize,
     /// Number of controllers before each block, and in all.
     before: Vec<u64>,
+}
+
+/// What feedback controllers are made of.
+#[derive(Debug, Clone)]
+pub(super) struct FeedbackLists {
+    pub(super) denominators: Vec<Factor>,
+    pub(super) numerators: Vec<Factor>,
+    /// Without zero.
+    pub(super) gains: Vec<f64>,
+    /// Whether no feedback is among them.
+    pub(super) zero: bool,
+    pub(super) normalisation: Normalisation,
+}
+
+/// A plant as the stability test takes it: see [`Region::map`](crate::identify::time::Region::map).
+#[derive(Debug, Clone)]
+pub(super) struct MappedPlant {
+    pub(super) denominator: Vec<f64>,
+    /// Homogenised to the degree of the denominator.
+    pub(super) numerator: Vec<f64>,
+    /// Leading zeros of every closed-loop polynomial, where plant or feedback is improper.
+    pub(super) padding: usize,
 }
 
 impl FeedbackTable {
@@ -91,27 +106,8 @@ impl FeedbackTable {
     ///
     /// # Errors
     /// [`Stopped`] when `ctl` says so.
-    pub(super) fn new(
-        denominators: Vec<Factor>,
-        numerators: Vec<Factor>,
-        gains: Vec<f64>,
-        zero: bool,
-        normalisation: Normalisation,
-        plant: (Vec<f64>, Vec<f64>),
-        padding: usize,
-        ctl: &Ctl,
-    ) -> Result<Self, Stopped> {
-        let mut table = Self {
-            denominators,
-            numerators,
-            gains,
-            zero,
-            normalisation,
-            plant,
-            padding,
-            rows_per_block: 1,
-            before: vec![0],
-        };
+    pub(super) fn new(lists: FeedbackLists, plant: MappedPlant, ctl: &Ctl) -> Result<Self, Stopped> {
+        let mut table = Self { lists, plant, rows_per_block: 1, before: vec![0] };
         let rows = table.rows();
         table.rows_per_block = rows.div_ceil(BLOCKS).max(1);
         let blocks = rows.div_ceil(table.rows_per_block);
@@ -159,19 +155,19 @@ impl FeedbackTable {
     /// The denominators, in order.
     #[must_use]
     pub fn denominators(&self) -> &[Factor] {
-        &self.denominators
+        &self.lists.denominators
     }
 
     /// The numerators at gain one, in order.
     #[must_use]
     pub fn numerators(&self) -> &[Factor] {
-        &self.numerators
+        &self.lists.numerators
     }
 
     /// The listed gains other than zero, in order.
     #[must_use]
     pub fn gains(&self) -> &[f64] {
-        &self.gains
+        &self.lists.gains
     }
 
     /// The controller at a position.
@@ -206,14 +202,14 @@ impl FeedbackTable {
     /// If a position is outside its list.
     #[must_use]
     pub fn gains_of(&self, denominator: usize, numerator: Option<usize>) -> Vec<f64> {
-        assert!(denominator < self.denominators.len(), "denominator {denominator}");
-        assert!(numerator.is_none_or(|n| n < self.numerators.len()), "numerator {numerator:?}");
+        assert!(denominator < self.lists.denominators.len(), "denominator {denominator}");
+        assert!(numerator.is_none_or(|n| n < self.lists.numerators.len()), "numerator {numerator:?}");
         let mut gains = Vec::new();
-        if numerator.is_none() && !self.zero {
+        if numerator.is_none() && !self.lists.zero {
             return gains;
         }
-        let slot = numerator.map_or(0, |n| n + usize::from(self.zero));
-        let row = denominator * (self.numerators.len() + usize::from(self.zero)) + slot;
+        let slot = numerator.map_or(0, |n| n + usize::from(self.lists.zero));
+        let row = denominator * (self.lists.numerators.len() + usize::from(self.lists.zero)) + slot;
         // Rows are visited without a stop flag, so there is no error to lose.
         let _ = self.walk_rows(row..row + 1, &Ctl::new(), |found| {
             gains.extend_from_slice(found.gains);
@@ -238,39 +234,39 @@ impl FeedbackTable {
     where
         F: FnMut(Row<'_>) -> Result<(), Stopped>,
     {
-        let per_denominator = self.numerators.len() + usize::from(self.zero);
+        let per_denominator = self.lists.numerators.len() + usize::from(self.lists.zero);
         let mut opened = None;
         let mut base = Vec::new();
         let mut tests = 0;
-        let mut scaled = vec![0.0; self.gains.len()];
-        let mut gains = Vec::with_capacity(self.gains.len());
-        let mut positions = Vec::with_capacity(self.gains.len());
+        let mut scaled = vec![0.0; self.lists.gains.len()];
+        let mut gains = Vec::with_capacity(self.lists.gains.len());
+        let mut positions = Vec::with_capacity(self.lists.gains.len());
         for row in rows {
             let (denominator, slot) = (row / per_denominator, row % per_denominator);
             if opened != Some(denominator) {
-                base = multiply(&self.plant.0, &self.denominators[denominator].mapped);
+                base = multiply(&self.plant.denominator, &self.lists.denominators[denominator].mapped);
                 opened = Some(denominator);
             }
-            if self.zero && slot == 0 {
-                if routh::stable(&base[self.padding..]) {
+            if self.lists.zero && slot == 0 {
+                if routh::stable(&base[self.plant.padding..]) {
                     visit(Row { denominator, numerator: None, gains: &[0.0], positions: &[] })?;
                 }
                 continue;
             }
-            let numerator = slot - usize::from(self.zero);
+            let numerator = slot - usize::from(self.lists.zero);
             let Some(unit) = self.unit(denominator, numerator) else { continue };
-            let step = multiply(&self.plant.1, &self.numerators[numerator].mapped);
-            scaled.iter_mut().zip(&self.gains).for_each(|(scaled, gain)| *scaled = gain * unit);
+            let step = multiply(&self.plant.numerator, &self.lists.numerators[numerator].mapped);
+            scaled.iter_mut().zip(&self.lists.gains).for_each(|(scaled, gain)| *scaled = gain * unit);
             gains.clear();
             positions.clear();
-            routh::stable_gains(&base[self.padding..], &step[self.padding..], &scaled, |i| {
+            routh::stable_gains(&base[self.plant.padding..], &step[self.plant.padding..], &scaled, |i| {
                 gains.push(scaled[i]);
                 positions.push(i);
             });
             if !gains.is_empty() {
                 visit(Row { denominator, numerator: Some(numerator), gains: &gains, positions: &positions })?;
             }
-            tests += self.gains.len();
+            tests += self.lists.gains.len();
             if tests > TESTS_PER_CHECK {
                 tests = 0;
                 ctl.check()?;
@@ -280,12 +276,12 @@ impl FeedbackTable {
     }
 
     fn rows(&self) -> usize {
-        self.denominators.len() * (self.numerators.len() + usize::from(self.zero))
+        self.lists.denominators.len() * (self.lists.numerators.len() + usize::from(self.lists.zero))
     }
 
     /// The factor that turns a listed gain into the numerator's; `None` where the peak is infinite.
     fn unit(&self, denominator: usize, numerator: usize) -> Option<f64> {
-        match &self.normalisation {
+        match &self.lists.normalisation {
             Normalisation::None => Some(1.0),
             Normalisation::Peak { denominators, numerators, band } => {
                 let (d, vanishes) = &denominators[denominator];

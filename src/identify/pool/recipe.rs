@@ -1,11 +1,11 @@
 //! What a checked pool is made of, before a plant decides which candidates are stable.
 
+use super::check::{PoolSpecError, refuse};
 use super::factor::Factor;
-use super::feedback::{FeedbackTable, Normalisation};
+use super::feedback::{FeedbackLists, FeedbackTable, MappedPlant, Normalisation};
 use super::roots::RootPair;
 use super::routh::{self, LARGEST_DEGREE};
-use super::spec::PoolSpecError;
-use super::unfold::refuse;
+
 use super::{Pool, Position};
 use crate::control::System;
 use crate::identify::identifiability::Structure;
@@ -392,16 +392,16 @@ impl Recipe {
             },
         };
         let mapped = |p: &crate::num::Polynomial| region.map(p.coefficients(), plant_degree);
-        let feedback = FeedbackTable::new(
-            self.feedback_denominators.factors(region, feedback_degree),
-            self.feedback_numerators.factors(region, feedback_degree),
-            self.gains.clone(),
-            self.zero_gain,
+        let lists = FeedbackLists {
+            denominators: self.feedback_denominators.factors(region, feedback_degree),
+            numerators: self.feedback_numerators.factors(region, feedback_degree),
+            gains: self.gains.clone(),
+            zero: self.zero_gain,
             normalisation,
-            (mapped(den), mapped(num)),
-            (plant_degree + feedback_degree) - (dp + dfb),
-            ctl,
-        )?;
+        };
+        let padding = (plant_degree + feedback_degree) - (dp + dfb);
+        let plant = MappedPlant { denominator: mapped(den), numerator: mapped(num), padding };
+        let feedback = FeedbackTable::new(lists, plant, ctl)?;
         if feedback.is_empty() {
             return Err(PoolError::NoFeedback(combinations));
         }

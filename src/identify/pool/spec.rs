@@ -1,4 +1,4 @@
-//! Pools as people write them; [`unfold`](super::unfold) checks them.
+//! Pools as people write them.
 
 use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
@@ -17,9 +17,9 @@ pub enum PoolSpec {
     /// A published pool with every n-th element of its lists.
     Thinned(ThinnedPool),
     /// Coefficients on grids.
-    Grid(GridPool),
+    Grid(Box<GridPool>),
     /// Poles, zeros and peak gains on grids.
-    Roots(RootsPool),
+    Roots(Box<RootsPool>),
 }
 
 /// The published pools.
@@ -225,6 +225,12 @@ pub struct Range {
     pub count: Option<u64>,
 }
 
+impl Coefficients {
+    fn none() -> Self {
+        Self::Axes(Vec::new())
+    }
+}
+
 // serde's own untagged enums answer "did not match any variant"; these say which field is wrong.
 fn parse<'de, D: Deserializer<'de>, T: serde::de::DeserializeOwned>(value: serde_json::Value) -> Result<T, D::Error> {
     serde_json::from_value(value).map_err(serde::de::Error::custom)
@@ -250,9 +256,9 @@ impl<'de> Deserialize<'de> for PoolSpec {
         if value.is_string() {
             parse::<D, _>(value).map(Self::Name)
         } else if value.get("grid").is_some() {
-            parse::<D, _>(value).map(Self::Grid)
+            parse::<D, _>(value).map(|pool| Self::Grid(Box::new(pool)))
         } else if value.get("roots").is_some() {
-            parse::<D, _>(value).map(Self::Roots)
+            parse::<D, _>(value).map(|pool| Self::Roots(Box::new(pool)))
         } else if value.get("name").is_some() {
             parse::<D, _>(value).map(Self::Thinned)
         } else {
@@ -274,16 +280,4 @@ pub struct Degrees {
     pub feedback_numerator: Option<usize>,
     /// Feedback denominator.
     pub feedback_denominator: Option<usize>,
-}
-
-/// A pool spec that makes no pool.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{message}")]
-pub struct PoolSpecError {
-    /// The field, as a path inside the spec of the analysis (`pool/grid/feedback_numerator`).
-    pub field: String,
-    /// What is wrong with it, with the value.
-    pub message: String,
-    /// Whether it is merely too large.
-    pub too_large: bool,
 }

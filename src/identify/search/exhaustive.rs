@@ -47,13 +47,13 @@ impl Search for Exhaustive {
         let decided = AtomicU64::new(0);
 
         // The candidates whose bound is within the limit hold the best one, whatever their approximate costs say.
-        let again = |limit: f64| -> Vec<usize> { (0..blocks).filter(|b| !(screened[*b].bound > limit)).collect() };
+        let again = |limit: f64| -> Vec<usize> { (0..blocks).filter(|b| screened[*b].bound <= limit).collect() };
         let (cost, index) = again(limit)
             .into_par_iter()
             .map(|block| {
                 let mut best = (f64::INFINITY, u64::MAX);
                 each(&evaluator, block, ctl, |index, _, bound| {
-                    if !(bound > limit) {
+                    if bound <= limit {
                         decided.fetch_add(1, Ordering::Relaxed);
                         best = smaller(best, (exact_cost(index), index));
                     }
@@ -70,7 +70,7 @@ impl Search for Exhaustive {
                 each(&evaluator, block, ctl, |index, approximate, bound| {
                     // The approximate cost errs by as much upwards as the bound is below it.
                     let surely = 2.0 * approximate - bound <= near;
-                    count += u64::from(surely || (!(bound > near) && exact_cost(index) <= near));
+                    count += u64::from(surely || (bound <= near && exact_cost(index) <= near));
                 })?;
                 Ok(count)
             })

@@ -76,6 +76,8 @@ struct Half<V, const N: usize> {
     right: [V; N],
 }
 
+// Indices below run over the rows and columns of several arrays at once.
+#[allow(clippy::needless_range_loop)]
 impl<V: Copy, const N: usize> Half<V, N> {
     #[inline(always)]
     fn new(zero: V) -> Self {
@@ -166,6 +168,8 @@ fn finish<S: Simd, const P: usize, const Q: usize>(
     let proven = simd.less_than_f64s(condition, simd.splat_f64s(WORST_TRACE));
     let margin = simd.mul_f64s(rounding, condition);
     let bound = simd.sub_f64s(cost, margin);
+    // A cost that overflowed proves nothing either.
+    let proven = simd.and_m64s(proven, simd.greater_than_f64s(bound, simd.splat_f64s(f64::NEG_INFINITY)));
     (
         simd.select_f64s(proven, cost, simd.splat_f64s(f64::INFINITY)),
         simd.select_f64s(proven, bound, simd.splat_f64s(f64::NEG_INFINITY)),
