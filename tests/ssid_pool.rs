@@ -1,16 +1,16 @@
 //! Counts of the published candidate pools.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-use volition::control::{Continuous, System, TransferFunction};
+use num_complex::Complex64;
+use serde_json::json;
+use volition::control::{Discrete, System, discretise};
+use volition::identify::pool::recipe::Ingredients;
+use volition::identify::pool::roots::RootPair;
 use volition::identify::pool::{Degrees, PoolName, PoolSpec};
-use volition::num::Ctl;
+use volition::num::{Ctl, Polynomial};
 
 fn two_mass() -> System {
-    let pi = std::f64::consts::PI;
-    let (m1, m2, c1, c2, k1, k2) = (1.0, 0.5, 0.56 * pi, 0.5 * pi, 0.16 * pi * pi, 0.5 * pi * pi);
-    let num = [m1, c1 + c2, k1 + k2];
-    let den = [m1 * m2, m1 * c2 + c1 * m2 + m2 * c2, m1 * k2 + c1 * c2 + k1 * m2 + m2 * k2, c1 * k2 + k1 * c2, k1 * k2];
-    System::Continuous(TransferFunction::new(&num, &den, Continuous).unwrap())
+    System::Continuous(volition::plants::catalogue::two_mass())
 }
 
 fn golden() -> serde_json::Value {
@@ -42,4 +42,67 @@ fn appendix_b_counts() {
     let let_in = count("M_fb_reference") - feedback;
     assert!(let_in < on_boundary, "{let_in} of {on_boundary}");
     assert_eq!(count("M_ff") * count("M_fb_reference"), count("M_reference"));
+}
+
+/// Thinned pools of both appendices, counted once more by other means: peaks on a fine grid, closed-loop poles as eigenvalues.
+#[test]
+fn thinned_counts_agree_with_a_slow_count() {
+    let time = Discrete::new(0.02).unwrap();
+    let zoh = |plant| System::Discrete(discretise::zero_order_hold(&plant, time).unwrap());
+    for (name, plant) in [
+        ("zhang2015_appendix_b", two_mass()),
+        ("zhang2015_appendix_c", zoh(volition::plants::catalogue::minimum_phase())),
+        ("zhang2015_appendix_c", zoh(volition::plants::catalogue::nonminimum_phase())),
+    ] {
+        let spec: PoolSpec = serde_json::from_value(
+            json!({"name": name, "thin": {"poles": 31, "zeros": 37, "damping": 11, "gains": 9}}),
+        )
+        .unwrap();
+        let recipe = spec.check(Degrees::default()).unwrap();
+        let pool = recipe.build(&plant, &Ctl::new()).unwrap();
+        let (Ingredients::Roots(denominators), Ingredients::Roots(numerators)) =
+            (&recipe.feedback_denominators, &recipe.feedback_numerators)
+        else {
+            panic!("lists of roots")
+        };
+        let period = plant.sample_time_s();
+        let polynomial =
+            |pair: RootPair| Polynomial::new(period.map_or_else(|| pair.polynomial(), |t| pair.matched(t)));
+        let [low, high] = recipe.band_rad_s.unwrap();
+        let at = |p: &Polynomial, w: f64| {
+            p.eval(period.map_or(Complex64::new(0.0, w), |t| Complex64::from_polar(1.0, w * t))).norm()
+        };
+        let slowest = |p: &Polynomial| {
+            let exponent = |r: &Complex64| period.map_or(r.re, |t| r.norm().ln() / t);
+            p.roots().unwrap().iter().map(exponent).fold(f64::NEG_INFINITY, f64::max)
+        };
+        let (mut stable, mut near) = (0, 0);
+        let mut judge = |p: &Polynomial| {
+            let distance = slowest(p) + recipe.margin;
+            near += u64::from(distance.abs() < 1e-5);
+            stable += u64::from(distance < 0.0);
+        };
+        for d in denominators {
+            let below = polynomial(*d);
+            let base = plant.den().mul(&below);
+            judge(&base);
+            for n in numerators {
+                let above = polynomial(*n);
+                let peak = (0..=2000)
+                    .map(|i| low + (high - low) * f64::from(i) / 2000.0)
+                    .map(|w| at(&above, w) / at(&below, w))
+                    .fold(0.0, f64::max);
+                if peak > 1e6 {
+                    continue; // A pole on the band: no gain has a finite peak.
+                }
+                for gain in &recipe.gains {
+                    judge(&base.add(&plant.num().mul(&above).scale(gain / peak)));
+                }
+            }
+        }
+        // Candidates that neither way can call for sure may fall on either side.
+        let found = pool.feedback().len();
+        assert!(found.abs_diff(stable) <= near, "{name}: {found} and {stable}, {near} too near to call");
+        assert!(found > 100 && near * 200 < found, "{name}: {found} found, {near} near the boundary");
+    }
 }

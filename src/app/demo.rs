@@ -136,7 +136,7 @@ pub async fn run(args: &DemoArgs, store: &Store, out: &mut impl Write) -> anyhow
 /// How every trial is identified: the sampled pool of Zhang 2015, appendix C, thinned to what a laptop searches in a second.
 fn spec() -> serde_json::Value {
     json!({
-        "pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 24, "zeros": 24, "damping": 8, "gains": 3}},
+        "pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 8, "zeros": 8, "damping": 2, "gains": 2}},
     })
 }
 

@@ -2,7 +2,8 @@
 //!
 //! From the command one response is measured, and two controllers are asked for: `H = G (Gff + Gfb)/(1 + G Gfb)`. Any feedback controller
 //! fits any data if the feedforward controller is free; only the degrees of both tell them apart (Zhang 2015, example 2.1). How well they do is read
-//! from the derivatives of the modelled response at the lines, `∂G̃/∂Gff = P` and `∂G̃/∂Gfb = P (1 − G̃)` with `P = G/(1 + G Gfb)`.
+//! from the derivatives of the modelled response at the lines. With `Q = 1/(Dfb + G Nfb)`: `∂G̃/∂Gff = G Dfb Q`, by the feedback numerator's
+//! coefficients `G (1 − G Gff) Dfb Q² xⁱ`, by the denominator's `−G (1 − G Gff) Nfb Q² xⁱ`; all are finite at a feedback pole.
 
 use super::problem::Problem;
 use crate::control::System;
@@ -40,29 +41,10 @@ fn column(values: impl Iterator<Item = Complex64>) -> Option<Vec<f64>> {
     Some(column)
 }
 
-/// Derivatives by the coefficients of a numerator of degree `n` over `den`, and of the monic denominator's lower coefficients.
-fn derivatives(
-    problem: &Problem,
-    system: &System,
-    gain: &[Complex64],
-    numerator_degree: usize,
-    denominator_is_free: bool,
-) -> Vec<Option<Vec<f64>>> {
-    let den = problem.at_lines(system.den().coefficients());
-    let num = problem.at_lines(system.num().coefficients());
+/// The columns `factor · xⁱ` for `i` below `count`.
+fn powers(problem: &Problem, factor: &[Complex64], count: usize) -> Vec<Option<Vec<f64>>> {
     let points: Vec<Complex64> = problem.lines().iter().map(|l| problem.time().point(l.omega_rad_s)).collect();
-    let mut columns = Vec::new();
-    for power in 0..=numerator_degree {
-        columns.push(column((0..points.len()).map(|k| gain[k] * points[k].powu(power as u32) / den[k])));
-    }
-    if denominator_is_free {
-        for power in 0..system.den().degree() {
-            columns.push(column(
-                (0..points.len()).map(|k| -gain[k] * num[k] * points[k].powu(power as u32) / (den[k] * den[k])),
-            ));
-        }
-    }
-    columns
+    (0..count as u32).map(|power| column(factor.iter().zip(&points).map(|(f, x)| f * x.powu(power)))).collect()
 }
 
 fn matrix(columns: &[Vec<f64>]) -> DMatrix<f64> {
@@ -115,22 +97,26 @@ pub fn judge(problem: &Problem, structure: Structure, feedforward: &System, feed
     if unknowns > equations {
         return judged;
     }
-    let (mut by_feedforward, mut by_feedback) = (Vec::new(), Vec::new());
-    for line in problem.lines() {
-        let (ff, fb) = (feedforward.response(line.omega_rad_s), feedback.response(line.omega_rad_s));
-        let closed = 1.0 + line.plant * fb;
-        let gain = line.weight.sqrt() * line.plant / closed;
-        by_feedforward.push(gain);
-        by_feedback.push(gain * (1.0 - line.plant * (ff + fb) / closed));
+    let at = |system: &System| {
+        (problem.at_lines(system.num().coefficients()), problem.at_lines(system.den().coefficients()))
+    };
+    let ((n_ff, d_ff), (n_fb, d_fb)) = (at(feedforward), at(feedback));
+    let mut factors: [Vec<Complex64>; 4] = Default::default();
+    for (k, line) in problem.lines().iter().enumerate() {
+        let (root_weight, g) = (line.weight.sqrt(), line.plant);
+        let q = 1.0 / (d_fb[k] + g * n_fb[k]);
+        let by_feedforward = root_weight * g * d_fb[k] * q;
+        let by_feedback = root_weight * g * (1.0 - g * n_ff[k] / d_ff[k]) * q * q;
+        factors[0].push(by_feedforward / d_ff[k]);
+        factors[1].push(-by_feedforward * n_ff[k] / (d_ff[k] * d_ff[k]));
+        factors[2].push(by_feedback * d_fb[k]);
+        factors[3].push(-by_feedback * n_fb[k]);
     }
-    let ff = derivatives(
-        problem,
-        feedforward,
-        &by_feedforward,
-        structure.feedforward_numerator,
-        structure.feedforward_denominator_is_free,
-    );
-    let fb = derivatives(problem, feedback, &by_feedback, structure.feedback_numerator, true);
+    let free = if structure.feedforward_denominator_is_free { structure.feedforward_denominator } else { 0 };
+    let mut ff = powers(problem, &factors[0], structure.feedforward_numerator + 1);
+    ff.extend(powers(problem, &factors[1], free));
+    let mut fb = powers(problem, &factors[2], structure.feedback_numerator + 1);
+    fb.extend(powers(problem, &factors[3], structure.feedback_denominator));
     if let Some(all) = ff.iter().chain(&fb).cloned().collect::<Option<Vec<_>>>()
         && let Ok(values) = linalg::singular_values(&matrix(&all))
         && let (Some(largest), Some(smallest)) = (values.first(), values.last())

@@ -138,11 +138,14 @@ impl Problem {
         &self.basis
     }
 
-    /// The value of a quotient of polynomials (descending powers) at each line.
+    /// The reciprocal of a denominator (descending powers) at each line.
+    ///
+    /// A feedback controller may have a pole on a line (an integrator at 0 Hz). Everything that is computed from its response has a
+    /// finite limit there, which 10³⁰ in place of infinity gives to working precision.
     #[must_use]
-    pub fn quotient_at_lines(&self, numerator: &[f64], denominator: &[f64]) -> Vec<Complex64> {
-        let denominator = self.at_lines(denominator);
-        self.at_lines(numerator).into_iter().zip(denominator).map(|(n, d)| n / d).collect()
+    pub fn reciprocal_at_lines(&self, denominator: &[f64]) -> Vec<Complex64> {
+        let pole = Complex64::new(1e30, 0.0);
+        self.at_lines(denominator).into_iter().map(|d| if d.norm_sqr() == 0.0 { pole } else { d.inv() }).collect()
     }
 
     /// The value of a polynomial (descending powers) at each line.

@@ -12,7 +12,8 @@ const SAME_SAMPLE_TIME: f64 = 1e-9;
 /// Band averages of moduli, `‖X‖ = 1/(ω₂ − ω₁) ∫_{ω₁}^{ω₂} |X(jω)| dω` (sampled: `X(e^{jωT})`).
 ///
 /// Zhang 2015, section 3.6 (first two) and section 5.7 (first and third). Computed by adaptive 7/15-point Gauss–Kronrod
-/// quadrature until the estimated error is below 1e-9 of the value.
+/// quadrature until the estimated error is below 1e-9 of the value, or below 1e-6 where the rounding of the controllers'
+/// coefficients allows no better (FIR controllers at high sample rates).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ControllerMetrics {
     /// ‖Gfb‖, in units of u per unit of error; null where it is infinite.

@@ -200,24 +200,52 @@ impl FeedbackTable {
         }
     }
 
+    /// The gains with which a numerator (or zero feedback) over a denominator makes a stable loop, in order.
+    ///
+    /// # Panics
+    /// If a position is outside its list.
+    #[must_use]
+    pub fn gains_of(&self, denominator: usize, numerator: Option<usize>) -> Vec<f64> {
+        assert!(denominator < self.denominators.len(), "denominator {denominator}");
+        assert!(numerator.is_none_or(|n| n < self.numerators.len()), "numerator {numerator:?}");
+        let mut gains = Vec::new();
+        if numerator.is_none() && !self.zero {
+            return gains;
+        }
+        let slot = numerator.map_or(0, |n| n + usize::from(self.zero));
+        let row = denominator * (self.numerators.len() + usize::from(self.zero)) + slot;
+        // Rows are visited without a stop flag, so there is no error to lose.
+        let _ = self.walk_rows(row..row + 1, &Ctl::new(), |found| {
+            gains.extend_from_slice(found.gains);
+            Ok(())
+        });
+        gains
+    }
+
     /// Visits the rows of a block in order, without those that have no stable controller.
     ///
     /// # Errors
     /// [`Stopped`] when `ctl` or the visitor says so.
-    pub fn walk<F>(&self, block: usize, ctl: &Ctl, mut visit: F) -> Result<(), Stopped>
+    pub fn walk<F>(&self, block: usize, ctl: &Ctl, visit: F) -> Result<(), Stopped>
+    where
+        F: FnMut(Row<'_>) -> Result<(), Stopped>,
+    {
+        let first = block * self.rows_per_block;
+        self.walk_rows(first..(first + self.rows_per_block).min(self.rows()), ctl, visit)
+    }
+
+    fn walk_rows<F>(&self, rows: std::ops::Range<usize>, ctl: &Ctl, mut visit: F) -> Result<(), Stopped>
     where
         F: FnMut(Row<'_>) -> Result<(), Stopped>,
     {
         let per_denominator = self.numerators.len() + usize::from(self.zero);
-        let first = block * self.rows_per_block;
-        let last = (first + self.rows_per_block).min(self.rows());
         let mut opened = None;
         let mut base = Vec::new();
         let mut tests = 0;
         let mut scaled = vec![0.0; self.gains.len()];
         let mut gains = Vec::with_capacity(self.gains.len());
         let mut positions = Vec::with_capacity(self.gains.len());
-        for row in first..last {
+        for row in rows {
             let (denominator, slot) = (row / per_denominator, row % per_denominator);
             if opened != Some(denominator) {
                 base = multiply(&self.plant.0, &self.denominators[denominator].mapped);

@@ -11,6 +11,7 @@ pub mod recipe;
 pub mod roots;
 mod routh;
 pub mod spec;
+mod unfold;
 
 use crate::identify::time::Region;
 use factor::Factor;

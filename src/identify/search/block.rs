@@ -82,16 +82,14 @@ impl<'a> Evaluator<'a> {
             ctl.check()
         };
         let mut denominator = None;
-        let mut inverse: Vec<Complex64> = Vec::with_capacity(lines);
+        let mut inverse = Vec::new();
         let mut unit: Vec<Complex64> = Vec::with_capacity(lines);
         let mut at_lines = FeedbackAtLines::default();
         let mut batch = FeedbackBatch::new(lines, BATCH);
         let mut index = table.before(block);
         table.walk(block, ctl, |row| {
             if denominator != Some(row.denominator) {
-                let values = self.problem.at_lines(&table.denominators()[row.denominator].coefficients);
-                inverse.clear();
-                inverse.extend(values.iter().map(|d| d.inv()));
+                inverse = self.problem.reciprocal_at_lines(&table.denominators()[row.denominator].coefficients);
                 denominator = Some(row.denominator);
             }
             unit.clear();

@@ -22,11 +22,12 @@ struct Rows {
 
 fn rows(problem: &Problem, candidate: &Candidate) -> Rows {
     // As the fast evaluation does it: the quotient at the lines first, then the gain.
-    let unit = problem.quotient_at_lines(&candidate.feedback_numerator, &candidate.feedback_denominator);
+    let numerator = problem.at_lines(&candidate.feedback_numerator);
+    let reciprocal = problem.reciprocal_at_lines(&candidate.feedback_denominator);
     let feedforward = problem.at_lines(&candidate.feedforward_denominator);
     let mut rows = Rows { root_weight: Vec::new(), target: Vec::new() };
     for (k, line) in problem.lines().iter().enumerate() {
-        let feedback = candidate.feedback_gain * unit[k];
+        let feedback = candidate.feedback_gain * (numerator[k] * reciprocal[k]);
         let target = line.response / line.plant + (line.response - 1.0) * feedback;
         let gain = line.plant / ((1.0 + line.plant * feedback) * feedforward[k]);
         let rotation = Complex64::from_polar(1.0, problem.basis().rotation(line.omega_rad_s));
@@ -92,10 +93,11 @@ pub fn fit(problem: &Problem, candidate: &Candidate) -> Fit {
     Fit { cost: from_even + from_odd, feedforward_numerator: problem.basis().numerator(&even, &odd) }
 }
 
-/// The cost of a candidate.
+/// The cost of a candidate; infinite where its response overflows.
 #[must_use]
 pub fn cost(problem: &Problem, candidate: &Candidate) -> f64 {
-    fit(problem, candidate).cost
+    let cost = fit(problem, candidate).cost;
+    if cost.is_nan() { f64::INFINITY } else { cost }
 }
 
 #[cfg(test)]

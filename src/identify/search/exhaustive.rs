@@ -80,7 +80,7 @@ impl Search for Exhaustive {
     }
 }
 
-/// The smaller of two (cost, index) pairs; a cost that is not a number is larger than any.
+/// The smaller of two (cost, index) pairs, which are never NaN.
 fn smaller(a: (f64, u64), b: (f64, u64)) -> (f64, u64) {
     if b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)).is_lt() { b } else { a }
 }
