@@ -225,4 +225,47 @@ mod tests {
             assert!(!is_loopback(bad), "{bad}");
         }
     }
+
+    /// The status and the problem that a route inside the fence leads to.
+    async fn through(route: axum::routing::MethodRouter<AppState>) -> (u16, HttpProblem) {
+        use tower::ServiceExt;
+        let store = crate::store::Store::open(None).await.unwrap();
+        let limits = super::super::Limits { request_timeout: Duration::from_millis(50), ..Default::default() };
+        let state = AppState::new(store).with_limits(limits);
+        let router = axum::Router::new()
+            .route("/{id}", route)
+            .layer(axum::middleware::from_fn_with_state(state.clone(), fence))
+            .with_state(state);
+        let request = Request::builder().uri("/x").body(Body::empty()).unwrap();
+        let response = router.oneshot(request).await.unwrap();
+        assert_eq!(response.headers()[header::CONTENT_TYPE], PROBLEM_JSON);
+        let id = response.headers()[REQUEST_ID].to_str().unwrap().to_owned();
+        let status = response.status().as_u16();
+        let bytes = axum::body::to_bytes(response.into_body(), 1 << 20).await.unwrap();
+        let problem: HttpProblem = serde_json::from_slice(&bytes).unwrap();
+        assert_eq!((problem.status, problem.instance.as_str()), (status, format!("urn:uuid:{id}").as_str()));
+        (status, problem)
+    }
+
+    #[tokio::test]
+    async fn panics_timeouts_and_strange_rejections_leave_as_problems() {
+        use axum::routing::get;
+        async fn panics() {
+            panic!("the password is 7");
+        }
+        async fn panics_elsewhere() -> super::super::problem::ApiResult<()> {
+            super::super::extract::off_thread(|| panic!("the password is 7")).await
+        }
+        for route in [get(panics), get(panics_elsewhere)] {
+            let (status, problem) = through(route).await;
+            assert_eq!((status, problem.code), (500, Code::Internal));
+            assert!(!format!("{problem:?}").contains("password"), "what panicked is for the log");
+        }
+        let (status, problem) = through(get(std::future::pending::<()>)).await;
+        assert_eq!((status, problem.code), (503, Code::Busy));
+        let (status, problem) = through(get(async |_: axum::extract::Path<u32>| ())).await;
+        assert_eq!((status, problem.code), (400, Code::Malformed));
+        let (status, problem) = through(axum::routing::post(async || ())).await;
+        assert_eq!((status, problem.code), (405, Code::MethodNotAllowed));
+    }
 }

@@ -86,6 +86,13 @@ async fn json_bodies() {
         (trials, json!({"sample_time_s": 1, "r": [1, 2], "u": [1, 2], "y": [1, 2], "v": []}), 400, "malformed", "/v"),
         (trials, json!({"sample_time_s": 1, "r": [], "u": [], "y": []}), 422, "bad_signal", ""),
         (
+            "/v1/subjects/{subject}/trials?plant={plant}&columns=r:target",
+            json!({"sample_time_s": 1, "r": [1, 2], "u": [1, 2], "y": [1, 2]}),
+            400,
+            "malformed",
+            "query parameter columns",
+        ),
+        (
             "/v1/subjects/{subject}/trials",
             json!({"sample_time_s": 1, "r": [1, 2], "u": [1, 2], "y": [1, 2]}),
             400,

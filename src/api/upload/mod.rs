@@ -222,6 +222,12 @@ pub async fn upload(
 ) -> ApiResult<Response> {
     let kind = Kind::of(&headers)?;
     let packing = encoding(&headers)?;
+    if query.columns.is_some() && matches!(kind, Kind::Json) {
+        return Err(Problem::new(Code::Malformed, "no columns in JSON", "only the columns of CSV can be mapped")
+            .at("query parameter columns")
+            .mend("Name the arrays t, r, u, y and d.")
+            .into());
+    }
     let subject = state.store.subject(subject).await?;
     // Bounds the memory that bodies and parsed trials take together.
     let _permit = state.uploads.clone().acquire_owned().await.map_err(|_| internal())?;
