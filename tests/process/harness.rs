@@ -14,7 +14,7 @@ pub const PATIENCE: Duration = Duration::from_secs(240);
 /// The command with the database of this test.
 pub fn volition(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_volition"));
-    command.args(arguments).env("VOLITION_LOG", "warn").stdin(Stdio::null());
+    command.args(arguments).env("VOLITION_LOG", "error").stdin(Stdio::null());
     command
 }
 
@@ -151,7 +151,7 @@ pub fn id(resource: &Value) -> String {
 /// An `ssid` request's spec that takes a fraction of a second for each trial.
 pub fn quick_spec() -> Value {
     json!({
-        "pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 12, "zeros": 12, "damping": 4, "gains": 4}},
+        "pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 10, "zeros": 10, "damping": 2, "gains": 2}},
         "feedforward_numerator_degree": 2,
         "feedforward_denominator_degree": 2
     })
