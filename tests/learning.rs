@@ -261,7 +261,7 @@ struct Truth {
 fn metrics_of_the_virtual_subjects_equal_their_truth() {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/virtual_subjects"));
     let Ok(text) = std::fs::read_to_string(folder.join("truth.json")) else {
-        println!("skipped: {} is not there", folder.display());
+        eprintln!("skipped: {} is not there", folder.display());
         return;
     };
     let truths: Vec<Truth> = serde_json::from_str(&text).unwrap();
@@ -278,5 +278,5 @@ fn metrics_of_the_virtual_subjects_equal_their_truth() {
         count.0 += usize::from(m.right_control_at_start == Some(true));
         count.1 += usize::from(m.right_control_at_start.is_some());
     }
-    println!("right control at start, of those that can be said: {right:?}");
+    eprintln!("right control at start, of those that can be said: {right:?}");
 }

@@ -28,7 +28,7 @@ fn numbers(text: &str) -> Vec<&str> {
 async fn the_demonstration_ends_with_learning_curves_and_a_seed_decides_them() {
     let store = Store::open(None).await.unwrap();
     let first = text(&store, 7, false).await;
-    println!("{first}");
+    eprintln!("{first}");
     for expected in ["Group minimum_phase", "Group nonminimum_phase", "‖e‖", "‖Gff G − 1‖", "‖Gfb‖", "Reading: "]
     {
         assert!(first.contains(expected), "{expected} is missing in\n{first}");

@@ -92,7 +92,7 @@ fn sampled(
     feedback: &TransferFunction<Discrete>,
 ) -> Result<LoopResponse, ValidationError> {
     let (model_s, trial_s) = (plant.time().period_s(), trial.sample_time_s);
-    if !((model_s - trial_s).abs() <= SAMPLE_TIME_TOLERANCE * trial_s) {
+    if (model_s - trial_s).abs() > SAMPLE_TIME_TOLERANCE * trial_s {
         return Err(ValidationError::SampleTime { model_s, trial_s });
     }
     let system = TwoDegreesOfFreedom::new(plant.clone(), feedforward.clone(), feedback.clone())

@@ -3,7 +3,6 @@
 //! The closed-loop denominator is `Dff (Dp Dfb + Np Nfb)` (Zhang 2015, eq. 2.5), so stability separates, and a pool is a
 //! product of a list of feedforward denominators and a table of feedback controllers.
 
-mod check;
 pub mod factor;
 pub mod feedback;
 mod lists;
@@ -12,14 +11,14 @@ pub mod recipe;
 pub mod roots;
 mod routh;
 pub mod spec;
+mod unfold;
 
 use crate::identify::time::Region;
-pub use check::PoolSpecError;
 use factor::Factor;
 pub use feedback::{Feedback, FeedbackTable};
 pub use recipe::{PoolError, Recipe};
 pub use routh::LARGEST_DEGREE;
-pub use spec::{Degrees, PoolName, PoolSpec};
+pub use spec::{Degrees, PoolName, PoolSpec, PoolSpecError};
 
 /// A pool on a plant.
 ///

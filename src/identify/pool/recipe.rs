@@ -1,11 +1,11 @@
 //! What a checked pool is made of, before a plant decides which candidates are stable.
 
-use super::check::{PoolSpecError, refuse};
 use super::factor::Factor;
 use super::feedback::{FeedbackLists, FeedbackTable, MappedPlant, Normalisation};
 use super::roots::RootPair;
 use super::routh::{self, LARGEST_DEGREE};
-
+use super::spec::PoolSpecError;
+use super::unfold::refuse;
 use super::{Pool, Position};
 use crate::control::System;
 use crate::identify::identifiability::Structure;

@@ -1,4 +1,4 @@
-//! Pools as people write them.
+//! Pools as people write them; [`unfold`](super::unfold) checks them.
 
 use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
@@ -225,12 +225,6 @@ pub struct Range {
     pub count: Option<u64>,
 }
 
-impl Coefficients {
-    fn none() -> Self {
-        Self::Axes(Vec::new())
-    }
-}
-
 // serde's own untagged enums answer "did not match any variant"; these say which field is wrong.
 fn parse<'de, D: Deserializer<'de>, T: serde::de::DeserializeOwned>(value: serde_json::Value) -> Result<T, D::Error> {
     serde_json::from_value(value).map_err(serde::de::Error::custom)
@@ -280,4 +274,16 @@ pub struct Degrees {
     pub feedback_numerator: Option<usize>,
     /// Feedback denominator.
     pub feedback_denominator: Option<usize>,
+}
+
+/// A pool spec that makes no pool.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{message}")]
+pub struct PoolSpecError {
+    /// The field, as a path inside the spec of the analysis (`pool/grid/feedback_numerator`).
+    pub field: String,
+    /// What is wrong with it, with the value.
+    pub message: String,
+    /// Whether it is merely too large.
+    pub too_large: bool,
 }

@@ -1,11 +1,11 @@
-//! The checks that turn a pool as written into a [`Recipe`].
+//! The checks that turn a [`PoolSpec`] into a [`Recipe`].
 
 use super::lists;
 use super::recipe::{Ingredients, Recipe};
 use super::roots::RootLists;
 use super::spec::{
-    Axis, Coefficients, Degrees, Grid, GridPool, ListedCoefficients, PoolName, PoolSpec, Range, RootGrid, RootsPool,
-    Thin, TimeBaseName,
+    Axis, Coefficients, Degrees, Grid, GridPool, ListedCoefficients, PoolName, PoolSpec, PoolSpecError, Range,
+    RootGrid, RootsPool, Thin, TimeBaseName,
 };
 
 /// The most polynomials that one list may unfold to.
@@ -13,18 +13,6 @@ const LARGEST_LIST: u64 = 2_000_000;
 
 /// The most numbers that one axis may hold.
 const LARGEST_AXIS: u64 = 1_000_000;
-
-/// A pool spec that makes no pool.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{message}")]
-pub struct PoolSpecError {
-    /// The field, as a path inside the spec of the analysis (`pool/grid/feedback_numerator`).
-    pub field: String,
-    /// What is wrong with it, with the value.
-    pub message: String,
-    /// Whether it is merely too large.
-    pub too_large: bool,
-}
 
 fn wrong(field: &str, message: impl Into<String>) -> PoolSpecError {
     PoolSpecError { field: field.to_owned(), message: message.into(), too_large: false }
@@ -83,6 +71,10 @@ impl Range {
 }
 
 impl Coefficients {
+    pub(super) fn none() -> Self {
+        Self::Axes(Vec::new())
+    }
+
     /// Every combination, the first coefficient outermost; `leading` is put in front of each.
     fn unfold(&self, field: &str, leading: Option<f64>) -> Result<Vec<Vec<f64>>, PoolSpecError> {
         let too_many = |count: u128| PoolSpecError {
