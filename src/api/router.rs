@@ -8,7 +8,7 @@ use super::{
     subjects, trials, upload,
 };
 use crate::analysis::frequency_response::{FrequencyResponseResult, FrequencyResponseSpec};
-use crate::analysis::ssid::{SsidResult, SsidSpec};
+use crate::analysis::ssid::{FrequencyResponseInput, SsidResult, SsidSpec};
 use axum::Router;
 use utoipa::openapi::header::HeaderBuilder;
 use utoipa::openapi::path::{Operation, ParameterIn};
@@ -28,7 +28,14 @@ use utoipa_axum::routes;
             UTC; lists in pages by cursor; every problem is `application/problem+json` with a stable `code`, the place \
             (`where`) and advice (`mend`)."
     ),
-    components(schemas(HttpProblem, FrequencyResponseSpec, FrequencyResponseResult, SsidSpec, SsidResult)),
+    components(schemas(
+        HttpProblem,
+        FrequencyResponseSpec,
+        FrequencyResponseResult,
+        FrequencyResponseInput,
+        SsidSpec,
+        SsidResult
+    )),
     tags(
         (name = "studies", description = "The frame of everything else."),
         (name = "plants", description = "What subjects control."),
