@@ -14,6 +14,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use std::convert::Infallible;
 use std::time::Duration;
+use utoipa::ToSchema;
 
 /// How often the store is asked. Workers may be other processes, so nothing else could tell.
 const INTERVAL: Duration = Duration::from_millis(250);
@@ -21,13 +22,26 @@ const INTERVAL: Duration = Duration::from_millis(250);
 /// How long the stream may be silent before a comment keeps it open.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
+/// An event of an analysis, as clients read it.
+#[derive(Debug, ToSchema)]
+#[allow(dead_code, reason = "documents what is streamed")]
+pub struct AnalysisEvent {
+    /// `status`, `progress` or `problem`.
+    event: String,
+    /// Version of the analysis; problems have none.
+    #[schema(nullable = false)]
+    id: Option<String>,
+    /// JSON: an Analysis, or a Problem.
+    data: String,
+}
+
 /// Follows an analysis: an event `status` with the whole analysis at once and whenever its status changes, an event
 /// `progress` whenever it got on. The stream ends when the analysis is finished. Where it was deleted meanwhile, the last
 /// event is `problem`. The ids of events are versions of the analysis.
 #[utoipa::path(get, path = "/v1/analyses/{analysis}/events", tag = "analyses", operation_id = "follow_analysis",
     params(AnalysisPath),
     responses((status = 200, description = "Events `status`, `progress`, `problem`; the data of the first two is an Analysis.",
-        body = String, content_type = "text/event-stream")))]
+        body = AnalysisEvent, content_type = "text/event-stream")))]
 pub async fn follow(
     State(state): State<AppState>,
     Id(id): Id<AnalysisId>,
