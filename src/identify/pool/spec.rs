@@ -1,4 +1,4 @@
-//! Pools as people write them; [`unfold`](super::unfold) checks them.
+//! Pools as people write them; the module `unfold` checks them.
 
 use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
