@@ -18,7 +18,8 @@ fn golden() -> serde_json::Value {
 }
 
 /// Condition C5 is strict: a pole at exactly −0.1 is not in the pool. 3,359 feedback controllers with a gain lie
-/// exactly there (a zero at −0.1 cancels a pole at −0.1); floating point let 405 of them into the count of the reference.
+/// exactly there (a zero at −0.1 cancels a pole at −0.1). The reference counts 405 feedback controllers more than we do; that
+/// rounding let that many of the 3,359 in would explain it, but nobody has reproduced the number.
 #[test]
 fn appendix_b_counts() {
     let golden = &golden()["appendix_b"];
@@ -41,7 +42,6 @@ fn appendix_b_counts() {
     assert_eq!(on_boundary, count("routh_entry_below_1e-9"));
     let let_in = count("M_fb_reference") - feedback;
     assert!(let_in < on_boundary, "{let_in} of {on_boundary}");
-    assert_eq!(count("M_ff") * count("M_fb_reference"), count("M_reference"));
 }
 
 /// Thinned pools of both appendices, counted once more by other means: peaks on a fine grid, closed-loop poles as eigenvalues.
