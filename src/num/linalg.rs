@@ -46,6 +46,29 @@ pub fn singular_values(a: &DMatrix<f64>) -> Result<Vec<f64>, NoConvergence> {
     to_faer(a).singular_values().map_err(|_| fail)
 }
 
+/// Left singular vectors (rows × min), singular values (largest first) and right singular vectors (columns × columns).
+pub type SingularValueDecomposition = (DMatrix<f64>, Vec<f64>, DMatrix<f64>);
+
+/// The singular value decomposition `A = U diag(σ) Vᵀ`; V is square, its last columns span the null space of a wide or deficient A.
+///
+/// # Errors
+/// [`NoConvergence`], also for a matrix with an entry that is not finite.
+pub fn svd(a: &DMatrix<f64>) -> Result<SingularValueDecomposition, NoConvergence> {
+    let fail = NoConvergence { rows: a.nrows(), columns: a.ncols() };
+    if a.iter().any(|x| !x.is_finite()) {
+        return Err(fail);
+    }
+    let decomposed = to_faer(a).svd().map_err(|_| fail)?;
+    let least = a.nrows().min(a.ncols());
+    let (u, v) = (decomposed.U(), decomposed.V());
+    let sigma = (0..least).map(|i| decomposed.S()[i]).collect();
+    Ok((
+        DMatrix::from_fn(a.nrows(), least, |i, j| u[(i, j)]),
+        sigma,
+        DMatrix::from_fn(a.ncols(), a.ncols(), |i, j| v[(i, j)]),
+    ))
+}
+
 /// The minimiser of `‖A x − b‖₂` by Householder QR, with the squared residual.
 ///
 /// `None` where the columns of `A` are linearly dependent to working precision
@@ -81,6 +104,20 @@ mod tests {
     fn a_matrix_that_is_not_finite_is_refused() {
         let a = DMatrix::from_element(2, 2, f64::NAN);
         assert_eq!(eigenvalues(&a), Err(NoConvergence { rows: 2, columns: 2 }));
+    }
+
+    #[test]
+    fn singular_vectors_rebuild_the_matrix_and_span_its_null_space() {
+        for (rows, columns) in [(5, 3), (3, 5)] {
+            let a = DMatrix::from_fn(rows, columns, |i, j| ((i * 7 + j * j * 3) as f64).sin());
+            let (u, sigma, v) = svd(&a).unwrap();
+            let rebuilt = &u * DMatrix::from_diagonal(&DVector::from_vec(sigma.clone())) * v.columns(0, 3).transpose();
+            assert!(
+                (rebuilt - &a).norm() < 1e-13 && (v.tr_mul(&v) - DMatrix::identity(columns, columns)).norm() < 1e-13
+            );
+            assert!((&a * v.columns(3, columns - 3)).norm() < 1e-13);
+            assert_eq!(sigma.len(), 3);
+        }
     }
 
     #[test]

@@ -4,7 +4,10 @@
 //! Nothing here knows about control theory, files, clocks or threads.
 
 pub mod ctl;
+pub mod distributions;
+pub mod least_squares;
 pub mod linalg;
+mod nonnegative;
 pub mod poly;
 pub mod rng;
 pub mod stats;
