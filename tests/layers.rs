@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 const ARROWS: &[(&str, &[&str])] = &[
     ("num", &[]),
     ("control", &["num"]),
+    ("convex", &["num"]),
     ("trial", &["num"]),
     ("plants", &["control", "num", "trial"]),
     ("identify", &["control", "num", "trial"]),
@@ -25,7 +26,7 @@ const ARROWS: &[(&str, &[&str])] = &[
 ];
 
 /// The layers without async, clock, environment, filesystem or global state.
-const PURE: &[&str] = &["num", "control", "trial", "plants", "identify", "learning", "analysis", "jobs"];
+const PURE: &[&str] = &["num", "control", "convex", "trial", "plants", "identify", "learning", "analysis", "jobs"];
 
 /// What a pure layer must not mention.
 const IMPURE: &[&str] = &[
@@ -167,6 +168,28 @@ fn pure_layers_stay_pure_and_only_the_store_speaks_sql() {
         }
     }
     assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+#[test]
+fn unsafe_code_lives_in_one_file() {
+    let exempt = Path::new("convex").join("blas.rs");
+    let tests = Path::new("convex").join("blas").join("tests.rs");
+    let mut found = 0;
+    for source in sources() {
+        let mentions = source.code.contains("unsafe {")
+            || source.code.contains("unsafe fn")
+            || source.code.contains("unsafe impl")
+            || source.code.contains("unsafe extern")
+            || source.code.contains("allow(unsafe_code)");
+        if source.path.ends_with(&exempt) || source.path.ends_with(&tests) {
+            found += 1;
+        } else {
+            assert!(!mentions, "{} has unsafe code", source.path.display());
+        }
+    }
+    assert_eq!(found, 2, "the exempt file moved");
+    let manifest = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml")).unwrap();
+    assert!(manifest.contains("unsafe_code = \"deny\""));
 }
 
 #[test]

@@ -46,6 +46,19 @@ pub fn singular_values(a: &DMatrix<f64>) -> Result<Vec<f64>, NoConvergence> {
     to_faer(a).singular_values().map_err(|_| fail)
 }
 
+/// The singular values of a complex matrix, largest first.
+///
+/// # Errors
+/// [`NoConvergence`], also for a matrix with an entry that is not finite.
+pub fn complex_singular_values(a: &DMatrix<Complex64>) -> Result<Vec<f64>, NoConvergence> {
+    let fail = NoConvergence { rows: a.nrows(), columns: a.ncols() };
+    if a.iter().any(|x| !(x.re.is_finite() && x.im.is_finite())) {
+        return Err(fail);
+    }
+    let copy = faer::Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)]);
+    copy.singular_values().map_err(|_| fail)
+}
+
 /// Left singular vectors (rows × min), singular values (largest first) and right singular vectors (columns × columns).
 pub type SingularValueDecomposition = (DMatrix<f64>, Vec<f64>, DMatrix<f64>);
 

@@ -10,6 +10,7 @@ pub mod linalg;
 mod nonnegative;
 pub mod poly;
 pub mod rng;
+pub mod schur;
 pub mod stats;
 
 pub use ctl::{Ctl, Progress, StopReason, Stopped};

@@ -1,0 +1,10 @@
+//! Convex optimisation over linear matrix inequalities.
+//!
+//! [`lmi`] is a dense primal-dual method for problems with few unknowns and large blocks, whose iterates stay strictly feasible, so that
+//! the answer satisfies every inequality as it stands. [`conic`] states any mixture of equalities, inequalities, second-order and
+//! semidefinite cones and hands it to clarabel. Neither status is an answer: callers prove theirs on residuals.
+
+mod blas;
+pub mod conic;
+pub mod lmi;
+pub mod svec;
