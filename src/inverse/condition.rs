@@ -1,0 +1,235 @@
+//! The best conditioned weights (Priess 2015, eq. (3.11)–(3.13)).
+
+use super::gains::Gains;
+use super::space::Space;
+use super::structure::QSign;
+use crate::convex::lmi::{self, Block, LmiError, Problem};
+use crate::num::Ctl;
+use crate::num::linalg::{self, NoConvergence};
+use nalgebra::{DMatrix, DVector};
+
+/// Room that the tie-break gets above the least condition number, as a share of it.
+const ROOM: f64 = 1e-7;
+/// A slack counts as zero below this share of the unit of its block, together with a dual that does not.
+const ACTIVE: f64 = 1e-5;
+/// Singular values of the active inequalities below this share of the largest leave a direction free.
+const FREE: f64 = 1e-6;
+/// Relative duality gap of the tie-break.
+const FACE_GAP: f64 = 1e-8;
+/// Relative duality gap of the width.
+const WIDTH_GAP: f64 = 1e-5;
+/// Optimal sets of a higher dimension are not measured.
+const MAX_FACE: usize = 12;
+
+/// Weights `Q/s²` and R with the least condition number of blkdiag(Q, R).
+#[derive(Debug, Clone)]
+pub(super) struct Conditioned {
+    /// In the coordinates of the space, scaled so that the least eigenvalue is 1 (in the units of the plant).
+    pub z: DVector<f64>,
+    /// α.
+    pub alpha: f64,
+    /// No smaller α is possible, by the dual.
+    pub lower_bound: f64,
+    /// Dimension of the set of weights with the same α.
+    pub face: usize,
+    /// Largest change of a diagonal weight within that set, as a share of the weight.
+    pub width: f64,
+}
+
+/// Why there are none.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub(super) enum ConditionError {
+    #[error(transparent)]
+    Lmi(#[from] LmiError),
+    #[error(transparent)]
+    NoConvergence(#[from] NoConvergence),
+}
+
+/// `min a` with `Q' ⪰ ℓ_Q I`, `R ⪰ ℓ_R I`, `Q' ⪯ a u_Q I`, `R ⪯ a u_R I` from a point with definite weights.
+pub(super) fn best_conditioned(
+    gains: &Gains,
+    space: &Space,
+    start: &DVector<f64>,
+    q_sign: QSign,
+    ctl: &Ctl,
+) -> Result<Conditioned, ConditionError> {
+    let s2 = space.scale * space.scale;
+    let (n, m) = (gains.states(), gains.ports());
+    // Q = s²Q' ⪰ I reads Q' ⪰ I/s².
+    let (least_q, least_r) = (1.0 / s2, 1.0);
+    let (q0, r0) = space.at(start);
+    let range = |w: &DMatrix<f64>| {
+        let values = w.symmetric_eigenvalues();
+        (values.min(), values.max())
+    };
+    let ((low_q, high_q), (low_r, high_r)) = (range(&q0), range(&r0));
+    let floor_q = if q_sign == QSign::Definite { least_q } else { 0.0 };
+    let factor = 1.5 * (floor_q / low_q).max(least_r / low_r);
+    let a0 = 1.5 * factor * (high_q * s2).max(high_r);
+    // Blocks in units in which their entries at the start are of size 1.
+    let unknowns = space.len() + 1;
+    let block = |terms: &[DMatrix<f64>], size: f64, constant: f64, sign: f64, bound: f64| {
+        let d = terms[0].nrows();
+        let mut all: Vec<DMatrix<f64>> = terms.iter().map(|t| t * (sign * factor / size)).collect();
+        all.push(DMatrix::identity(d, d) * (bound / size));
+        Block::new(DMatrix::identity(d, d) * (constant / size), all.iter())
+    };
+    let (size_q, size_r) = (factor * high_q, factor * high_r);
+    let blocks = vec![
+        block(&space.q, size_q, -floor_q, 1.0, 0.0),
+        block(&space.r, size_r, -least_r, 1.0, 0.0),
+        block(&space.q, size_q, 0.0, -1.0, a0 / s2),
+        block(&space.r, size_r, 0.0, -1.0, a0),
+    ];
+    let mut cost = DVector::zeros(unknowns);
+    cost[unknowns - 1] = 1.0;
+    let mut z0 = DVector::zeros(unknowns);
+    z0.rows_mut(0, space.len()).copy_from(start);
+    z0[unknowns - 1] = 1.0;
+    let problem = Problem { cost, quadratic: None, objective_scale: 0.0, gap: lmi::GAP, blocks };
+    let solution = lmi::solve(&problem, &z0, ctl)?;
+    let alpha = solution.objective * a0;
+    // α is at most a0 at the start, and every weight in the feasible set is then bounded; so is what the residual can hide.
+    let hidden = solution.dual_residual * (1.0 + solution.z.norm()) * 4.0;
+    let lower_bound = ((solution.dual_objective - hidden) * a0).max(1.0);
+    let mut found =
+        Conditioned { z: solution.z.rows(0, space.len()) * factor, alpha, lower_bound, face: 0, width: 0.0 };
+    let free = free_directions(&problem, &solution)?;
+    found.face = free.ncols();
+    if (1..=MAX_FACE).contains(&free.ncols()) && free.ncols() <= n + m {
+        let face = Face { problem: &problem, solution: &solution, free: &free };
+        let chosen = face.least_norm(space, ctl)?;
+        found.width = face.width(space, &chosen, ctl)?;
+        found.z = chosen.rows(0, space.len()) * factor;
+    }
+    Ok(found)
+}
+
+/// Directions of z, with α kept, that move no active inequality: those within the optimal set, by strict complementarity.
+fn free_directions(problem: &Problem, solution: &lmi::Solution) -> Result<DMatrix<f64>, NoConvergence> {
+    let unknowns = problem.cost.len() - 1;
+    let mut rows: Vec<DVector<f64>> = Vec::new();
+    let duals: Vec<_> = solution.duals.iter().map(|x| x.clone().symmetric_eigen()).collect();
+    let largest = duals.iter().map(|e| e.eigenvalues.max()).fold(0.0, f64::max);
+    for (block, dual) in problem.blocks.iter().zip(&duals) {
+        let slack = block.value(&solution.z);
+        let active: Vec<usize> = (0..block.size())
+            .filter(|i| {
+                let u = dual.eigenvectors.column(*i);
+                let slack = (u.transpose() * &slack * u)[0];
+                dual.eigenvalues[*i] / largest > ACTIVE * 1e-3 && slack < dual.eigenvalues[*i] / largest
+            })
+            .collect();
+        // A slack that the dual annihilates, SX = 0, is zero on the whole range of X: its mixed entries vanish too.
+        let u = dual.eigenvectors.select_columns(&active);
+        let moved: Vec<DMatrix<f64>> = (0..unknowns).map(|i| block.term(i) * &u).collect();
+        for p in 0..block.size() {
+            for q in 0..active.len() {
+                rows.push(DVector::from_fn(unknowns, |i, _| moved[i][(p, q)]));
+            }
+        }
+    }
+    if rows.is_empty() {
+        return Ok(DMatrix::zeros(unknowns, 0));
+    }
+    let matrix = DMatrix::from_fn(rows.len(), unknowns, |i, j| rows[i][j]);
+    let svd = linalg::svd(&matrix)?;
+    let rank = svd.values.iter().filter(|v| **v > FREE * svd.values[0]).count();
+    Ok(svd.v.columns(rank, unknowns - rank).into_owned())
+}
+
+/// The set of optimal weights around a point in its interior.
+struct Face<'a> {
+    problem: &'a Problem,
+    solution: &'a lmi::Solution,
+    free: &'a DMatrix<f64>,
+}
+
+impl Face<'_> {
+    /// The problem in the free directions, with a little room in α so that it has an interior.
+    fn restricted(&self) -> (Vec<Block>, DVector<f64>) {
+        let unknowns = self.problem.cost.len();
+        let mut base = self.solution.z.clone();
+        base[unknowns - 1] *= 1.0 + ROOM;
+        let blocks = self
+            .problem
+            .blocks
+            .iter()
+            .map(|block| {
+                let terms: Vec<DMatrix<f64>> = self
+                    .free
+                    .column_iter()
+                    .map(|c| {
+                        let d = block.size();
+                        (0..unknowns - 1).fold(DMatrix::zeros(d, d), |sum, i| sum + block.term(i) * c[i])
+                    })
+                    .collect();
+                Block::new(block.value(&base), terms.iter())
+            })
+            .collect();
+        (blocks, base)
+    }
+
+    fn point(&self, w: &DVector<f64>) -> DVector<f64> {
+        let unknowns = self.problem.cost.len() - 1;
+        self.solution.z.rows(0, unknowns) + self.free * w
+    }
+
+    /// The point with the least Frobenius norm of blkdiag(Q, R).
+    fn least_norm(&self, space: &Space, ctl: &Ctl) -> Result<DVector<f64>, LmiError> {
+        let (blocks, _) = self.restricted();
+        let s4 = space.scale.powi(4);
+        let (q0, r0) = space.at(&self.solution.z);
+        let parts: Vec<_> = self.free.column_iter().map(|c| space.at(&c.clone_owned())).collect();
+        let inner =
+            |a: &(DMatrix<f64>, DMatrix<f64>), b: &(DMatrix<f64>, DMatrix<f64>)| s4 * a.0.dot(&b.0) + a.1.dot(&b.1);
+        let base = (q0, r0);
+        let scale = inner(&base, &base).max(f64::MIN_POSITIVE);
+        let d = parts.len();
+        let problem = Problem {
+            cost: DVector::from_fn(d, |i, _| inner(&parts[i], &base) / scale),
+            quadratic: Some(DMatrix::from_fn(d, d, |i, j| inner(&parts[i], &parts[j]) / scale)),
+            objective_scale: 1.0,
+            gap: FACE_GAP,
+            blocks,
+        };
+        let solution = lmi::solve(&problem, &DVector::zeros(d), ctl)?;
+        Ok(self.point(&solution.z))
+    }
+
+    /// The largest relative range of a diagonal weight.
+    fn width(&self, space: &Space, chosen: &DVector<f64>, ctl: &Ctl) -> Result<f64, LmiError> {
+        let (blocks, _) = self.restricted();
+        let d = self.free.ncols();
+        let parts: Vec<_> = self.free.column_iter().map(|c| space.at(&c.clone_owned())).collect();
+        let (q, r) = space.at(chosen);
+        let (q0, r0) = space.at(&self.solution.z);
+        let mut width: f64 = 0.0;
+        let mut weights: Vec<(f64, f64, DVector<f64>)> = Vec::new();
+        for i in 0..q.nrows() {
+            weights.push((q[(i, i)], q0[(i, i)], DVector::from_fn(d, |j, _| parts[j].0[(i, i)])));
+        }
+        for i in 0..r.nrows() {
+            weights.push((r[(i, i)], r0[(i, i)], DVector::from_fn(d, |j, _| parts[j].1[(i, i)])));
+        }
+        for (weight, base, direction) in weights {
+            if weight <= 0.0 || direction.norm() <= 1e-9 * weight {
+                continue;
+            }
+            let mut extreme = |sign: f64| -> Result<f64, LmiError> {
+                let problem = Problem {
+                    cost: &direction * (sign / weight),
+                    quadratic: None,
+                    objective_scale: 1.0,
+                    gap: WIDTH_GAP,
+                    blocks: blocks.clone(),
+                };
+                let solution = lmi::solve(&problem, &DVector::zeros(d), ctl)?;
+                Ok(base + direction.dot(&solution.z))
+            };
+            let (low, high) = (extreme(1.0)?, extreme(-1.0)?);
+            width = width.max((high - low) / weight);
+        }
+        Ok(width)
+    }
+}

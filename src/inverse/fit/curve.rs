@@ -1,0 +1,201 @@
+//! The trade-off between fit and condition number.
+
+use super::barrier::{Bounds, FAR, NEAR, Point, WARM, minimise};
+use super::objective::Objective;
+use super::starts::{into_box, random, smallest_cross_term};
+use crate::convex::lmi::LmiError;
+use crate::inverse::gains::Gains;
+use crate::inverse::structure::{Structure, StructureError};
+use crate::num::{Ctl, Stopped, rng};
+use nalgebra::DMatrix;
+
+/// Spread of the eigenvalues of random starts without bounds.
+const FREE_SPREAD: f64 = 1e3;
+/// Sizes n + m up to which the cross-term start is computed.
+const CROSS_TERM: usize = 20;
+
+/// How a fit is made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitSettings {
+    /// What is known of the weights beforehand.
+    pub structure: Structure,
+    /// Condition numbers κ, increasing, each above 1.
+    pub condition_numbers: Vec<f64>,
+    /// M, mn×mn: the inverse covariance of vec(K_e); none for the identity.
+    pub metric: Option<DMatrix<f64>>,
+    /// Random starts beside the fixed ones, for every κ.
+    pub random_starts: usize,
+    /// Seed of the random starts.
+    pub seed: u64,
+}
+
+impl Default for FitSettings {
+    fn default() -> Self {
+        Self {
+            structure: Structure::default(),
+            condition_numbers: vec![1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8],
+            metric: None,
+            random_starts: 4,
+            seed: 1,
+        }
+    }
+}
+
+/// The best weights found under one condition number.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitPoint {
+    /// κ.
+    pub condition_number: f64,
+    /// f, the weighted squared distance of the gains.
+    pub residual: f64,
+    /// Q, n×n.
+    pub q: DMatrix<f64>,
+    /// R, m×m.
+    pub r: DMatrix<f64>,
+    /// Its regulator, m×n.
+    pub k: DMatrix<f64>,
+    /// What another Newton step promises, as a share of f.
+    pub stationarity: f64,
+    /// Starts that ended within 1e-4 of f, of those that ended.
+    pub agreeing_starts: usize,
+    /// Starts that ended.
+    pub starts: usize,
+}
+
+/// The curve f(κ), from the smallest to the largest κ.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fit {
+    /// A point for every κ; f does not increase.
+    pub curve: Vec<FitPoint>,
+}
+
+/// Why there is no fit.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FitError {
+    /// The structure does not fit.
+    #[error(transparent)]
+    Structure(#[from] StructureError),
+    /// Somebody asked to stop.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
+    /// A condition number of 1 or less, or the list does not increase.
+    #[error("the condition numbers must increase and be above 1; there is {0}")]
+    ConditionNumber(f64),
+    /// No start has a regulator.
+    #[error("no start has a regulator: the Riccati equation fails for every weight tried")]
+    NoStart,
+}
+
+/// Fits weights under each condition number, from the identity, the smallest cross term, the neighbouring fits and random weights.
+///
+/// The problem is not convex: f is the best value found, and the number of starts that agree says how sure that is.
+///
+/// # Errors
+/// [`FitError`].
+pub fn fit(gains: &Gains, settings: &FitSettings, ctl: &Ctl) -> Result<Fit, FitError> {
+    let (n, m) = (gains.states(), gains.ports());
+    settings.structure.check(n, m)?;
+    let mut last = 1.0;
+    for kappa in &settings.condition_numbers {
+        if !(kappa.is_finite() && *kappa > last) {
+            return Err(FitError::ConditionNumber(*kappa));
+        }
+        last = *kappa;
+    }
+    if settings.condition_numbers.is_empty() {
+        return Err(FitError::ConditionNumber(f64::NAN));
+    }
+    let objective = Objective::new(gains, settings.metric.as_ref());
+    let directions = settings.structure.directions(n, m);
+    let free = settings.structure.is_free();
+    let mut common = Vec::new();
+    if free && n + m <= CROSS_TERM {
+        match smallest_cross_term(gains, ctl) {
+            Ok(found) => common.push((found.q, found.r)),
+            Err(LmiError::Stopped(stopped)) => return Err(stopped.into()),
+            Err(LmiError::Infeasible { .. }) => {}
+        }
+    }
+    let mut stream = rng::stream(settings.seed, "inverse fit");
+    // Without bounds the descent goes where the bounds would not let it pass.
+    let mut unbounded = vec![(DMatrix::identity(n, n), structured_identity(settings, m))];
+    unbounded.extend(common.iter().cloned());
+    unbounded.extend((0..settings.random_starts).map(|_| random(n, m, FREE_SPREAD, &mut stream)));
+    for (mut q, mut r) in unbounded {
+        settings.structure.impose(&mut q, &mut r);
+        let bounds = Bounds { low: 0.0, high: f64::INFINITY };
+        if let Some(point) = minimise(&objective, &directions, (q, r), bounds, None, ctl)? {
+            common.push((point.q, point.r));
+        }
+    }
+    let mut found: Vec<Vec<Point>> = Vec::new();
+    for kappa in &settings.condition_numbers {
+        let identity = (DMatrix::identity(n, n) * kappa.sqrt(), structured_identity(settings, m) * kappa.sqrt());
+        let mut starts = vec![(FAR, identity)];
+        starts.extend(common.iter().map(|(q, r)| (NEAR, into_box(q, r, *kappa))));
+        if let Some(previous) = found.last() {
+            starts.extend(different(previous).map(|p| (WARM, into_box(&p.q, &p.r, *kappa))));
+        }
+        starts.extend((0..settings.random_starts).map(|_| (NEAR, random(n, m, *kappa, &mut stream))));
+        found.push(ends(&objective, &directions, starts, settings, *kappa, ctl)?);
+    }
+    let mut curve: Vec<FitPoint> = Vec::new();
+    for (points, kappa) in found.iter().zip(&settings.condition_numbers) {
+        let Some(best) = points.first() else { continue };
+        let agreeing = points.iter().filter(|p| p.value <= best.value * (1.0 + 1e-4)).count();
+        curve.push(FitPoint {
+            condition_number: *kappa,
+            residual: best.value,
+            q: best.q.clone(),
+            r: best.r.clone(),
+            k: best.k.clone(),
+            stationarity: best.stationarity,
+            agreeing_starts: agreeing,
+            starts: points.len(),
+        });
+    }
+    if curve.is_empty() { Err(FitError::NoStart) } else { Ok(Fit { curve }) }
+}
+
+/// The best few local minima that differ.
+fn different(points: &[Point]) -> impl Iterator<Item = &Point> {
+    let mut last = -1.0;
+    points
+        .iter()
+        .filter(move |p| {
+            let new = p.value > last + 1e-4 * f64::abs(last);
+            if new {
+                last = p.value;
+            }
+            new
+        })
+        .take(4)
+}
+
+fn structured_identity(settings: &FitSettings, m: usize) -> DMatrix<f64> {
+    settings.structure.r.as_ref().map_or_else(
+        || DMatrix::identity(m, m),
+        |r| r / (r.symmetric_eigenvalues().min() * r.symmetric_eigenvalues().max()).sqrt(),
+    )
+}
+
+/// Local minima from the starts, best first.
+fn ends(
+    objective: &Objective<'_>,
+    directions: &[(DMatrix<f64>, DMatrix<f64>)],
+    starts: Vec<(f64, (DMatrix<f64>, DMatrix<f64>))>,
+    settings: &FitSettings,
+    kappa: f64,
+    ctl: &Ctl,
+) -> Result<Vec<Point>, Stopped> {
+    let bounds = Bounds { low: 1.0, high: kappa };
+    let mut points = Vec::new();
+    for (barrier, (mut q, mut r)) in starts {
+        settings.structure.impose(&mut q, &mut r);
+        if let Some(point) = minimise(objective, directions, (q, r), bounds, Some(barrier), ctl)? {
+            points.push(point);
+        }
+    }
+    points.sort_by(|x, y| x.value.total_cmp(&y.value));
+    Ok(points)
+}

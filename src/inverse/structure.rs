@@ -1,0 +1,208 @@
+//! What is known of the weights beforehand.
+
+use crate::control::lyapunov::symmetric;
+use nalgebra::DMatrix;
+
+/// Which sign Q must have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum QSign {
+    /// Q ≻ 0, as Priess 2015, eq. (3.12), asks for.
+    #[default]
+    Definite,
+    /// Q ⪰ 0, enough for a regulator where (A, Q) is detectable.
+    Semidefinite,
+}
+
+/// Restrictions on the weights; none by default.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Structure {
+    /// Entries of Q that may differ from zero, n×n and symmetric; all where there is none.
+    pub q_pattern: Option<DMatrix<bool>>,
+    /// Entries of R that may differ from zero, m×m and symmetric.
+    pub r_pattern: Option<DMatrix<bool>>,
+    /// R up to its scale, m×m and positive definite.
+    pub r: Option<DMatrix<f64>>,
+    /// Which sign Q must have.
+    pub q_sign: QSign,
+}
+
+/// A structure that fits no weights.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum StructureError {
+    /// A pattern or weight has the wrong size.
+    #[error("{matrix} is {rows}x{columns} and must be {expected}x{expected}")]
+    Size {
+        /// `the pattern of Q`, `the pattern of R` or `the fixed R`.
+        matrix: &'static str,
+        /// Its rows.
+        rows: usize,
+        /// Its columns.
+        columns: usize,
+        /// Rows and columns that it must have.
+        expected: usize,
+    },
+    /// A pattern or weight differs from its transpose.
+    #[error("{matrix} is not symmetric at row {row}, column {column} (counted from 0)")]
+    NotSymmetric {
+        /// Which.
+        matrix: &'static str,
+        /// Row, from 0.
+        row: usize,
+        /// Column, from 0.
+        column: usize,
+    },
+    /// A pattern forbids a diagonal entry, which a definite matrix needs.
+    #[error("{matrix} forbids the diagonal entry {index} (counted from 0), which a definite weight needs")]
+    NoDiagonal {
+        /// Which.
+        matrix: &'static str,
+        /// Row and column, from 0.
+        index: usize,
+    },
+    /// The fixed R is not positive definite.
+    #[error("the fixed R is not positive definite: its least eigenvalue is {least:e}")]
+    NotDefinite {
+        /// Its least eigenvalue.
+        least: f64,
+    },
+    /// The fixed R has an entry outside of the pattern of R.
+    #[error("the fixed R and a pattern of R are given together")]
+    Both,
+}
+
+impl Structure {
+    /// A diagonal Q, with any R.
+    #[must_use]
+    pub fn diagonal_q(n: usize) -> Self {
+        Self { q_pattern: Some(DMatrix::from_fn(n, n, |i, j| i == j)), ..Self::default() }
+    }
+
+    /// Whether nothing is restricted but the sign.
+    #[must_use]
+    pub fn is_free(&self) -> bool {
+        self.q_pattern.is_none() && self.r_pattern.is_none() && self.r.is_none()
+    }
+
+    /// Checks sizes and symmetry for n states and m ports.
+    ///
+    /// # Errors
+    /// [`StructureError`].
+    pub fn check(&self, n: usize, m: usize) -> Result<(), StructureError> {
+        let size = |matrix, (rows, columns): (usize, usize), expected| {
+            if (rows, columns) == (expected, expected) {
+                Ok(())
+            } else {
+                Err(StructureError::Size { matrix, rows, columns, expected })
+            }
+        };
+        for (matrix, pattern, order) in
+            [("the pattern of Q", &self.q_pattern, n), ("the pattern of R", &self.r_pattern, m)]
+        {
+            let Some(pattern) = pattern else { continue };
+            size(matrix, pattern.shape(), order)?;
+            for row in 0..order {
+                if !pattern[(row, row)] && (matrix == "the pattern of R" || self.q_sign == QSign::Definite) {
+                    return Err(StructureError::NoDiagonal { matrix, index: row });
+                }
+                if let Some(column) = (0..row).find(|column| pattern[(row, *column)] != pattern[(*column, row)]) {
+                    return Err(StructureError::NotSymmetric { matrix, row, column });
+                }
+            }
+        }
+        if let Some(r) = &self.r {
+            if self.r_pattern.is_some() {
+                return Err(StructureError::Both);
+            }
+            size("the fixed R", r.shape(), m)?;
+            let largest = r.amax();
+            for row in 0..m {
+                let differs = |column: &usize| !((r[(row, *column)] - r[(*column, row)]).abs() <= 1e-10 * largest);
+                if let Some(column) = (0..=row).find(differs) {
+                    return Err(StructureError::NotSymmetric { matrix: "the fixed R", row, column });
+                }
+            }
+            if symmetric(r).cholesky().is_none() {
+                return Err(StructureError::NotDefinite { least: symmetric(r).symmetric_eigenvalues().min() });
+            }
+        }
+        Ok(())
+    }
+
+    /// Unit directions in (Q, R) along which structured weights may not move, as pairs of symmetric matrices.
+    pub(super) fn forbidden(&self, n: usize, m: usize) -> Vec<(DMatrix<f64>, DMatrix<f64>)> {
+        let mut all = Vec::new();
+        let unit = |order: usize, i: usize, j: usize| {
+            let mut e = DMatrix::zeros(order, order);
+            let size = if i == j { 1.0 } else { 0.5_f64.sqrt() };
+            e[(i, j)] = size;
+            e[(j, i)] = size;
+            e
+        };
+        for j in 0..n {
+            for i in 0..=j {
+                if self.q_pattern.as_ref().is_some_and(|p| !p[(i, j)]) {
+                    all.push((unit(n, i, j), DMatrix::zeros(m, m)));
+                }
+            }
+        }
+        for j in 0..m {
+            for i in 0..=j {
+                if self.r_pattern.as_ref().is_some_and(|p| !p[(i, j)]) {
+                    all.push((DMatrix::zeros(n, n), unit(m, i, j)));
+                } else if let Some(r) = &self.r {
+                    // Orthogonal to the fixed R: not unit any more, which does not matter.
+                    let e = unit(m, i, j);
+                    let rest = &e - r * (e.dot(r) / r.norm_squared());
+                    all.push((DMatrix::zeros(n, n), rest));
+                }
+            }
+        }
+        all
+    }
+
+    /// A basis of the structured (Q, R), as pairs of symmetric matrices.
+    pub(super) fn directions(&self, n: usize, m: usize) -> Vec<(DMatrix<f64>, DMatrix<f64>)> {
+        let mut all = Vec::new();
+        let unit = |order: usize, i: usize, j: usize| {
+            let mut e = DMatrix::zeros(order, order);
+            e[(i, j)] = 1.0;
+            e[(j, i)] = 1.0;
+            e
+        };
+        for j in 0..n {
+            for i in 0..=j {
+                if self.q_pattern.as_ref().is_none_or(|p| p[(i, j)]) {
+                    all.push((unit(n, i, j), DMatrix::zeros(m, m)));
+                }
+            }
+        }
+        if let Some(r) = &self.r {
+            all.push((DMatrix::zeros(n, n), symmetric(r)));
+            return all;
+        }
+        for j in 0..m {
+            for i in 0..=j {
+                if self.r_pattern.as_ref().is_none_or(|p| p[(i, j)]) {
+                    all.push((DMatrix::zeros(n, n), unit(m, i, j)));
+                }
+            }
+        }
+        all
+    }
+
+    /// Weights with what the structure forbids set to zero exactly.
+    pub(super) fn impose(&self, q: &mut DMatrix<f64>, r: &mut DMatrix<f64>) {
+        for (pattern, weight) in [(&self.q_pattern, &mut *q), (&self.r_pattern, &mut *r)] {
+            if let Some(pattern) = pattern {
+                weight.zip_apply(pattern, |value, allowed| {
+                    if !allowed {
+                        *value = 0.0;
+                    }
+                });
+            }
+        }
+        if let Some(fixed) = &self.r {
+            *r = symmetric(fixed) * (r.dot(fixed) / fixed.norm_squared());
+        }
+    }
+}
