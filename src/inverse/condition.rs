@@ -133,9 +133,9 @@ fn free_directions(problem: &Problem, solution: &lmi::Solution) -> Result<DMatri
         return Ok(DMatrix::zeros(unknowns, 0));
     }
     let matrix = DMatrix::from_fn(rows.len(), unknowns, |i, j| rows[i][j]);
-    let svd = linalg::svd(&matrix)?;
-    let rank = svd.values.iter().filter(|v| **v > FREE * svd.values[0]).count();
-    Ok(svd.v.columns(rank, unknowns - rank).into_owned())
+    let (_, values, v) = linalg::svd(&matrix)?;
+    let rank = values.iter().filter(|s| **s > FREE * values[0]).count();
+    Ok(v.columns(rank, unknowns - rank).into_owned())
 }
 
 /// The set of optimal weights around a point in its interior.
@@ -216,7 +216,7 @@ impl Face<'_> {
             if weight <= 0.0 || direction.norm() <= 1e-9 * weight {
                 continue;
             }
-            let mut extreme = |sign: f64| -> Result<f64, LmiError> {
+            let extreme = |sign: f64| -> Result<f64, LmiError> {
                 let problem = Problem {
                     cost: &direction * (sign / weight),
                     quadratic: None,

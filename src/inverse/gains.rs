@@ -175,7 +175,7 @@ impl Gains {
             for i in 0..value.nrows() {
                 for j in 0..value.ncols() {
                     let entry = value[(i, j)];
-                    if !(entry.abs() <= LARGEST_ENTRY) {
+                    if entry.is_nan() || entry.abs() > LARGEST_ENTRY {
                         let (row, column) = if role == Role::Regulator { (i, j) } else { (j, i) };
                         return Err(GainsError::Entry { matrix, row, column, value: entry });
                     }

@@ -14,6 +14,9 @@ const STRUCTURE_NULL: f64 = 1e-9;
 /// Sweeps that make rows and columns of the equalities equally long.
 const SWEEPS: usize = 4;
 
+/// P and R.
+type Pair = (DMatrix<f64>, DMatrix<f64>);
+
 /// Weights `Q = s² Σ z_i Q_i`, `R = Σ z_i R_i` with `BᵀP = RK` for some symmetric P.
 ///
 /// The pairs (Q_i, R_i) are orthonormal, so that `‖z‖² = ‖Q/s²‖² + ‖R‖²`. In units with B' = sB, K' = K/s the numbers of a stiff
@@ -127,12 +130,17 @@ fn equality_solutions(
     b: &DMatrix<f64>,
     k: &DMatrix<f64>,
     gains: &Gains,
-) -> Result<Vec<(DMatrix<f64>, DMatrix<f64>)>, NoConvergence> {
+) -> Result<Vec<Pair>, NoConvergence> {
     let (n, m) = (a.nrows(), b.ncols());
-    let svd = linalg::svd(b)?;
-    let largest = svd.values[0];
-    let rank = svd.values.iter().filter(|v| **v > NULL * largest).count();
-    let u = &svd.u;
+    // The factor on the right comes out square; both are needed so.
+    let (u, sigma, v) = if m > n {
+        linalg::svd(b)?
+    } else {
+        let (v, sigma, u) = linalg::svd(&b.transpose())?;
+        (u, sigma, v)
+    };
+    let rank = sigma.iter().filter(|s| **s > NULL * sigma[0]).count();
+    let u = &u;
     let closed = match gains.clock {
         Clock::Continuous => DMatrix::identity(n, n),
         Clock::Sampled => u.tr_mul(&((a - b * k) * u)),
@@ -154,8 +162,8 @@ fn equality_solutions(
         for p in 0..rank.min(q + 1) {
             // The unknown in rows p and q of P, of which only the first `rank` rows enter.
             put(column, &|i, j| {
-                let first = if i == p { svd.values[p] * closed[(q, j)] } else { 0.0 };
-                let second = if i == q && q < rank && p != q { svd.values[q] * closed[(p, j)] } else { 0.0 };
+                let first = if i == p { sigma[p] * closed[(q, j)] } else { 0.0 };
+                let second = if i == q && q < rank && p != q { sigma[q] * closed[(p, j)] } else { 0.0 };
                 first + second
             });
             column += 1;
@@ -164,8 +172,8 @@ fn equality_solutions(
     for q in 0..m {
         for p in 0..=q {
             put(column, &|i, j| {
-                let first = svd.v[(p, i)] * ku[(q, j)];
-                let second = if p == q { 0.0 } else { svd.v[(q, i)] * ku[(p, j)] };
+                let first = v[(p, i)] * ku[(q, j)];
+                let second = if p == q { 0.0 } else { v[(q, i)] * ku[(p, j)] };
                 -(first + second)
             });
             column += 1;
@@ -234,10 +242,10 @@ fn equilibrate(equations: &mut DMatrix<f64>) -> DVector<f64> {
 
 /// An orthonormal basis of the null space; singular values below `tolerance` times the largest (or `size`) count as zero.
 fn null_space(m: &DMatrix<f64>, size: Option<f64>, tolerance: f64) -> Result<DMatrix<f64>, NoConvergence> {
-    let svd = linalg::svd(m)?;
-    let largest = size.unwrap_or_else(|| svd.values.first().copied().unwrap_or(0.0));
-    let rank = svd.values.iter().filter(|v| **v > tolerance * largest).count();
-    Ok(svd.v.columns(rank, m.ncols() - rank).into_owned())
+    let (_, values, v) = linalg::svd(m)?;
+    let largest = size.unwrap_or_else(|| values.first().copied().unwrap_or(0.0));
+    let rank = values.iter().filter(|v| **v > tolerance * largest).count();
+    Ok(v.columns(rank, m.ncols() - rank).into_owned())
 }
 
 /// An orthonormal basis of the column space.

@@ -116,8 +116,8 @@ impl Structure {
             size("the fixed R", r.shape(), m)?;
             let largest = r.amax();
             for row in 0..m {
-                let differs = |column: &usize| !((r[(row, *column)] - r[(*column, row)]).abs() <= 1e-10 * largest);
-                if let Some(column) = (0..=row).find(differs) {
+                let same = |column: &usize| (r[(row, *column)] - r[(*column, row)]).abs() <= 1e-10 * largest;
+                if let Some(column) = (0..=row).find(|column| !same(column)) {
                     return Err(StructureError::NotSymmetric { matrix: "the fixed R", row, column });
                 }
             }

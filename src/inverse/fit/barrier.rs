@@ -13,7 +13,8 @@ const CONVERGED: f64 = 1e-10;
 /// The barrier ends where its part of the value is below this share of it.
 const BARRIER_END: f64 = 1e-9;
 
-type Pair = (DMatrix<f64>, DMatrix<f64>);
+/// Q and R, or a direction of both.
+pub(super) type Pair = (DMatrix<f64>, DMatrix<f64>);
 
 /// `low·I ≺ Q, R ≺ high·I`; no upper bound where it is infinite.
 #[derive(Debug, Clone, Copy)]
@@ -31,7 +32,6 @@ pub(super) struct Point {
     pub value: f64,
     /// Norm of the projected gradient in the barrier's metric, over the value.
     pub stationarity: f64,
-    pub steps: usize,
 }
 
 /// Inverse slacks of both bounds on one weight.
@@ -94,13 +94,11 @@ pub(super) fn minimise(
     let mut at = first;
     let mut mu = barrier.map_or(0.0, |share| share * at.value / degree);
     let barrier = barrier.is_some();
-    let mut steps = 0;
     let mut stationarity = f64::INFINITY;
     let mut damping = 1e-3;
     loop {
         for _ in 0..STEPS {
             ctl.check()?;
-            steps += 1;
             let (mut gradient, hessian) = objective.derivatives(&at, directions);
             let (bq, br) = (sq.gradient(), sr.gradient());
             let curved: Vec<Pair> = directions.iter().map(|(dq, dr)| (sq.curvature(dq), sr.curvature(dr))).collect();
@@ -160,7 +158,7 @@ pub(super) fn minimise(
         }
         damping = damping.min(1e-3);
         if !barrier || mu * degree <= BARRIER_END * at.value {
-            return Ok(Some(Point { q, r, k: at.k, value: at.value, stationarity, steps }));
+            return Ok(Some(Point { q, r, k: at.k, value: at.value, stationarity }));
         }
         mu *= SHRINK;
     }

@@ -1,6 +1,6 @@
 //! The trade-off between fit and condition number.
 
-use super::barrier::{Bounds, FAR, NEAR, Point, WARM, minimise};
+use super::barrier::{Bounds, FAR, NEAR, Pair, Point, WARM, minimise};
 use super::objective::Objective;
 use super::starts::{into_box, random, smallest_cross_term};
 use crate::convex::lmi::LmiError;
@@ -182,8 +182,8 @@ fn structured_identity(settings: &FitSettings, m: usize) -> DMatrix<f64> {
 /// Local minima from the starts, best first.
 fn ends(
     objective: &Objective<'_>,
-    directions: &[(DMatrix<f64>, DMatrix<f64>)],
-    starts: Vec<(f64, (DMatrix<f64>, DMatrix<f64>))>,
+    directions: &[Pair],
+    starts: Vec<(f64, Pair)>,
     settings: &FitSettings,
     kappa: f64,
     ctl: &Ctl,
