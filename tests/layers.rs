@@ -15,7 +15,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("identify", &["control", "num", "trial"]),
     ("inverse", &["control", "convex", "num"]),
     ("learning", &["control", "identify", "num", "trial"]),
-    ("analysis", &["control", "identify", "inverse", "learning", "num", "plants", "trial"]),
+    ("analysis", &["control", "convex", "identify", "inverse", "learning", "num", "plants", "trial"]),
     ("jobs", &["analysis", "num"]),
     ("store", &["analysis", "control", "jobs", "num", "trial"]),
     ("worker", &["analysis", "jobs", "num", "store"]),

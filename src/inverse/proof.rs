@@ -7,9 +7,9 @@ use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
 /// Frequencies of the return difference's grid.
-const GRID: usize = 400;
+const GRID: usize = 64;
 /// Halvings of the grid's step around the least value.
-const REFINEMENTS: usize = 40;
+const REFINEMENTS: usize = 20;
 
 /// The least of Kalman's return difference over frequency.
 ///

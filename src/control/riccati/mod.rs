@@ -1,7 +1,7 @@
 //! Algebraic Riccati equations.
 //!
-//! Two methods that share no step, structure-preserving doubling ([`doubling`]) and the matrix sign function
-//! ([`sign_function`]), start [`newton`], whose answer is accepted only with a stable closed loop and a small residual.
+//! Two methods that share no step, structure-preserving doubling ([`doubling()`]) and the matrix sign function
+//! ([`sign_function`]), start [`newton()`], whose answer is accepted only with a stable closed loop and a small residual.
 #![allow(non_snake_case)]
 
 mod doubling;

@@ -10,8 +10,8 @@ mod descent;
 mod objective;
 mod starts;
 
-pub use curve::{Fit, FitPoint, FitSettings, fit};
-pub use descent::{Descent, DescentSettings, descent};
+pub use curve::{Fit, FitError, FitPoint, FitSettings, fit};
+pub use descent::{Descent, DescentError, DescentSettings, descent};
 pub use objective::{Evaluation, Objective};
 pub use starts::{CrossTerm, smallest_cross_term};
 
