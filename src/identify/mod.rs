@@ -6,6 +6,7 @@ pub mod frequency;
 pub mod identifiability;
 pub mod pool;
 pub mod problem;
+pub mod refine;
 pub mod search;
 pub mod ssid;
 pub mod time;

@@ -121,8 +121,8 @@ pub fn student_t(level: f64, degrees: f64) -> f64 {
     while inside(high) < level && high < 1e12 {
         high *= 2.0;
     }
-    let mut low = 0.0;
-    for _ in 0..200 {
+    let mut low = if high > 1.0 { 0.5 * high } else { 0.0 };
+    while high - low > 1e-12 * high {
         let middle = 0.5 * (low + high);
         if inside(middle) < level {
             low = middle;
