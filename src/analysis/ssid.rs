@@ -12,6 +12,7 @@
 
 mod inputs;
 mod problems;
+mod refined;
 mod result;
 mod spec;
 
@@ -24,22 +25,24 @@ use super::problem::{Code, Problem};
 use super::report::{Report, Warning};
 use super::trial_input::{ResolvedTrial, inputs_sha256};
 use crate::control::System;
-use crate::identify::frequency::{Channels, FrequencyError, estimate_between};
+use crate::identify::frequency::{Channels, Estimate, FrequencyError, VarianceSource, estimate_between};
 use crate::identify::search::Exhaustive;
-use crate::identify::ssid::{Identified, Settings, SsidError, identify};
+use crate::identify::ssid::{Identified, Settings, SsidError, Weights, identify};
 use crate::identify::validation::simulated_vaf;
 use crate::learning::frequency_domain::{ControllerMetrics, controller_metrics};
 use crate::num::Ctl;
 use crate::trial::Trial;
 pub use inputs::{FrequencyResponseInput, SsidInputs};
-pub use result::{Certificate, Fit, NearOptimal, SimulatedVafResult, SsidResult, Stability, TrialVaf};
+pub use refined::{BootstrapSpec, RefinedResult, RefinementStop};
+use refined::{KnownNoise, Questions};
+pub use result::{Certificate, Fit, HeldOut, NearOptimal, SimulatedVafResult, SsidResult, Stability, TrialVaf};
 use serde_json::json;
 use spec::CheckedSpec;
 pub use spec::SsidSpec;
 use std::collections::BTreeMap;
 
 /// Version of [`SsidResult`].
-const RESULT_VERSION: u32 = 1;
+const RESULT_VERSION: u32 = 2;
 
 /// A checked request.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,6 +57,10 @@ struct Material {
     plant: System,
     data: crate::identify::frequency::FrequencyData,
     trials: Vec<ResolvedTrial>,
+    /// Trials that are only simulated.
+    held_out: Vec<ResolvedTrial>,
+    /// The noise of the response, where it is known at all.
+    noise: Option<KnownNoise>,
     warnings: Vec<Warning>,
     hashes: BTreeMap<String, String>,
 }
@@ -95,7 +102,7 @@ impl Plan {
     /// # Errors
     /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question.
     pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
-        let Material { plant, data, trials, mut warnings, hashes } = self.material(library, ctl)?;
+        let Material { plant, data, trials, held_out, noise, mut warnings, hashes } = self.material(library, ctl)?;
         let written = self.spec();
         let settings = Settings {
             recipe: self.spec.recipe().clone(),
@@ -109,8 +116,42 @@ impl Plan {
         })?;
         warnings.extend(found.findings.iter().map(|f| Warning::new(f.code, f.message.clone())));
         let metrics = self.metrics(&found)?;
-        let vaf = validate(&found, &trials, &mut warnings);
-        let result = SsidResult::new(&found, metrics, vaf, trials.is_empty());
+        let vaf = validate(&found.plant, [&found.feedforward, &found.feedback], &trials, Some(&mut warnings));
+        let mut result = SsidResult::new(&found, metrics, vaf, trials.is_empty());
+        let mut held = (!held_out.is_empty()).then(|| HeldOut {
+            pool: SimulatedVafResult::of(validate(
+                &found.plant,
+                [&found.feedforward, &found.feedback],
+                &held_out,
+                Some(&mut warnings),
+            )),
+            refined: None,
+        });
+        if written.refine {
+            let questions = Questions {
+                structure: self.spec.recipe().structure(),
+                noise: noise.as_ref(),
+                is_weighted_by_noise: written.weights == Weights::InverseVariance,
+                bootstrap: written.bootstrap,
+            };
+            match refined::refine(&found, &questions, &mut warnings, ctl).map_err(Failure::Stopped)? {
+                Ok((controllers, mut refined)) => {
+                    let pair = [&controllers.feedforward, &controllers.feedback];
+                    refined.simulated_vaf = validate(&found.plant, pair, &trials, None);
+                    if let Some(held) = &mut held {
+                        held.refined = Some(SimulatedVafResult::of(validate(&found.plant, pair, &held_out, None)));
+                    }
+                    result.refined = Some(refined);
+                }
+                Err(reason) => {
+                    warnings.push(Warning::new("not_refined", reason.clone()));
+                    result.refined_reason = Some(reason);
+                }
+            }
+        } else {
+            result.refined_reason = Some("the spec asks for none".to_owned());
+        }
+        result.held_out = held;
         Ok(Report::new(Kind::Ssid, RESULT_VERSION, json!(result), warnings, json!(written), hashes, None))
     }
 
@@ -122,12 +163,22 @@ impl Plan {
                     ("/inputs/plant".to_owned(), super::report::sha256_json(&json!(plant))),
                     ("/inputs/frequency_response".to_owned(), super::report::sha256_json(&json!(data))),
                 ]);
-                Ok(Material { plant: system, data: data.data(), trials: Vec::new(), warnings: Vec::new(), hashes })
+                let noise = data.variance.as_ref().map(|variance| KnownNoise {
+                    variance: data.omega_rad_s.iter().copied().zip(variance.iter().copied()).collect(),
+                    degrees_of_freedom: data.averages.map_or(f64::INFINITY, |n| 2.0 * (f64::from(n) - 1.0)),
+                    are_independent: true,
+                });
+                let (trials, held_out, warnings) = (Vec::new(), Vec::new(), Vec::new());
+                Ok(Material { plant: system, data: data.data(), trials, held_out, noise, warnings, hashes })
             }
-            SsidInputs::Trials(inputs) => {
-                let resolved = inputs.resolve(library)?;
+            SsidInputs::Trials { fitted, held_out } => {
+                let resolved = fitted.resolve(library)?;
                 let plant = problems::common_plant(&resolved)?;
                 problems::check_sample_times(&plant, &resolved)?;
+                let held_out = match held_out {
+                    Some(inputs) => problems::held_out(inputs, library, &plant, &resolved)?,
+                    None => Vec::new(),
+                };
                 let trials: Vec<&Trial> = resolved.iter().map(ResolvedTrial::trial).collect();
                 let Some(settings) = self.spec.frequency() else {
                     // The spec of trials always has settings; see `CheckedSpec::parse`.
@@ -145,8 +196,11 @@ impl Plan {
                     })?;
                 let mut warnings: Vec<Warning> = divergent_warning(&resolved).into_iter().collect();
                 warnings.extend(estimate.warnings.iter().map(Warning::from));
-                let hashes = inputs_sha256(&resolved, true);
-                Ok(Material { plant, data: estimate.data(), trials: resolved, warnings, hashes })
+                warnings.extend(divergent_warning(&held_out));
+                let mut hashes = inputs_sha256(&resolved, true);
+                hashes.extend(inputs_sha256(&held_out, false));
+                let (data, noise) = (estimate.data(), noise_of(&estimate));
+                Ok(Material { plant, data, trials: resolved, held_out, noise, warnings, hashes })
             }
         }
     }
@@ -169,28 +223,55 @@ impl Plan {
     }
 }
 
-/// Simulates the identified loop on each trial; what cannot be simulated becomes a warning.
-fn validate(found: &Identified, trials: &[ResolvedTrial], warnings: &mut Vec<Warning>) -> Vec<TrialVaf> {
+/// Real degrees of freedom of a variance read from nearby lines: twice the fewest such lines that are used.
+const NEARBY_DEGREES: f64 = 8.0;
+
+/// What an estimate knows of its noise.
+fn noise_of(estimate: &Estimate) -> Option<KnownNoise> {
+    let (degrees_of_freedom, are_independent) = match estimate.variance_source? {
+        VarianceSource::Repetition => {
+            let fewest = estimate.averages.iter().copied().filter(|n| *n >= 2).min()?;
+            (2.0 * (fewest as f64 - 1.0), true)
+        }
+        VarianceSource::NearbyLines => (NEARBY_DEGREES, false),
+    };
+    let lines = estimate.omega_rad_s.iter().zip(&estimate.variance);
+    let variance = lines.filter_map(|(omega, variance)| variance.map(|v| (*omega, v))).collect();
+    Some(KnownNoise { variance, degrees_of_freedom, are_independent })
+}
+
+/// Simulates a loop (feedforward, feedback) on each trial; what cannot be simulated becomes a warning where warnings are wanted.
+fn validate(
+    plant: &System,
+    [feedforward, feedback]: [&System; 2],
+    trials: &[ResolvedTrial],
+    mut warnings: Option<&mut Vec<Warning>>,
+) -> Vec<TrialVaf> {
+    let mut warn = |code: &'static str, message: String| {
+        if let Some(warnings) = &mut warnings {
+            warnings.push(Warning::new(code, message));
+        }
+    };
     trials
         .iter()
         .map(|trial| {
             let name = trial.name.clone();
-            match simulated_vaf(trial.trial(), &found.plant, &found.feedforward, &found.feedback) {
+            match simulated_vaf(trial.trial(), plant, feedforward, feedback) {
                 Ok(vaf) => {
                     if vaf.output < 0.0 {
-                        warnings.push(Warning::new(
+                        warn(
                             "simulation_fails",
                             format!(
                                 "the identified loop, simulated from the command of {name}, explains none of the recorded output \
                                  (variance accounted for {:.3}), although it fits the frequency data",
                                 vaf.output
                             ),
-                        ));
+                        );
                     }
                     TrialVaf { trial: name, y: Some(vaf.output), u: vaf.control, reason: vaf.control_unavailable }
                 }
                 Err(error) => {
-                    warnings.push(Warning::new("not_simulated", format!("{name}: {error}")));
+                    warn("not_simulated", format!("{name}: {error}"));
                     TrialVaf { trial: name, y: None, u: None, reason: Some(error.to_string()) }
                 }
             }

@@ -4,6 +4,7 @@
 
 pub mod bode;
 pub mod conversion;
+pub mod delay;
 pub mod discretise;
 pub(crate) mod doubled;
 pub mod exponential;

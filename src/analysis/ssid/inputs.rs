@@ -13,6 +13,9 @@ use utoipa::ToSchema;
 /// Lines of frequency data at most.
 const MAX_LINES: usize = 10_000;
 
+/// Where trials to validate on are in a request.
+pub(super) const HELD_OUT: &str = "/inputs/validate_on";
+
 /// Frequency data in a request: the closed loop's response from command to output.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -21,9 +24,12 @@ pub struct FrequencyResponseInput {
     pub omega_rad_s: Vec<f64>,
     /// The response at each as `[re, im]`.
     pub h: Vec<[f64; 2]>,
-    /// The variance `E|h − E h|²` at each, positive; only weights by inverse variance need it.
+    /// The variance `E|h − E h|²` at each, positive; weights by inverse variance and the uncertainty of refined controllers need it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variance: Option<Vec<f64>>,
+    /// The number of segments that each variance was estimated from, 2 or more; absent, the variances count as known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub averages: Option<u32>,
 }
 
 impl FrequencyResponseInput {
@@ -60,6 +66,12 @@ impl FrequencyResponseInput {
                 ));
             }
         }
+        if let Some(averages) = self.averages {
+            if self.variance.is_none() || averages < 2 {
+                let detail = format!("variances of {averages} segments, with no variance or too few segments for one");
+                return Err(wrong(detail, "averages"));
+            }
+        }
         if let Some(variance) = &self.variance {
             if variance.len() != lines {
                 return Err(wrong(
@@ -79,7 +91,12 @@ impl FrequencyResponseInput {
 #[derive(Debug, Clone, PartialEq)]
 pub enum SsidInputs {
     /// Trials, each with its plant.
-    Trials(TrialInputs),
+    Trials {
+        /// Those that are identified from.
+        fitted: TrialInputs,
+        /// Those that the result is simulated on beside them.
+        held_out: Option<TrialInputs>,
+    },
     /// A plant and frequency data.
     FrequencyResponse {
         /// The plant.
@@ -96,7 +113,7 @@ impl SsidInputs {
     /// A [`Problem`] with the JSON pointer of what is wrong.
     pub fn parse(inputs: &Value) -> Result<Self, Problem> {
         let Some(data) = inputs.get("frequency_response") else {
-            return TrialInputs::parse(inputs, PlantNeed::Required).map(Self::Trials);
+            return Self::parse_trials(inputs);
         };
         let wrong = |detail: String, at: &str| Problem::new(Code::Invalid, "unusable inputs", detail).at(at);
         for name in inputs.as_object().into_iter().flat_map(|members| members.keys()) {
@@ -118,6 +135,23 @@ impl SsidInputs {
         Ok(Self::FrequencyResponse { plant: parse_model(plant, "/inputs/plant")?, data })
     }
 
+    /// Trials, with `validate_on` beside them: `{"trial": ID, "validate_on": [ID, ..]}`, or signals in both places.
+    fn parse_trials(inputs: &Value) -> Result<Self, Problem> {
+        let mut members = inputs.clone();
+        let held_out = members.as_object_mut().and_then(|members| members.remove("validate_on"));
+        let fitted = TrialInputs::parse(&members, PlantNeed::Required)?;
+        let Some(held_out) = held_out else { return Ok(Self::Trials { fitted, held_out: None }) };
+        let mut request = json!({"trials": held_out});
+        if let (Some(plant), true) = (inputs.get("plant"), fitted.inline_plant().is_some()) {
+            request["plant"] = plant.clone();
+        }
+        let held_out = TrialInputs::parse(&request, PlantNeed::Required).map_err(|mut problem| {
+            problem.location = problem.location.map(|at| at.replacen("/inputs/trials", HELD_OUT, 1));
+            problem
+        })?;
+        Ok(Self::Trials { fitted, held_out: Some(held_out) })
+    }
+
     /// Whether the request carries frequency data instead of trials.
     #[must_use]
     pub fn is_frequency_data(&self) -> bool {
@@ -128,7 +162,7 @@ impl SsidInputs {
     #[must_use]
     pub fn inline_plant(&self) -> Option<&Model> {
         match self {
-            Self::Trials(inputs) => inputs.inline_plant(),
+            Self::Trials { fitted, .. } => fitted.inline_plant(),
             Self::FrequencyResponse { plant, .. } => Some(plant),
         }
     }
@@ -137,7 +171,15 @@ impl SsidInputs {
     #[must_use]
     pub fn references(&self) -> References {
         match self {
-            Self::Trials(inputs) => inputs.references(),
+            Self::Trials { fitted, held_out } => {
+                let mut references = fitted.references();
+                for id in held_out.iter().flat_map(|inputs| inputs.references().trials) {
+                    if !references.trials.contains(&id) {
+                        references.trials.push(id);
+                    }
+                }
+                references
+            }
             Self::FrequencyResponse { .. } => References::default(),
         }
     }
@@ -146,7 +188,13 @@ impl SsidInputs {
     #[must_use]
     pub fn to_value(&self) -> Value {
         match self {
-            Self::Trials(inputs) => inputs.to_value(),
+            Self::Trials { fitted, held_out } => {
+                let mut value = fitted.to_value();
+                if let Some(held_out) = held_out {
+                    value["validate_on"] = held_out.to_value()["trials"].take();
+                }
+                value
+            }
             Self::FrequencyResponse { plant, data } => json!({"plant": plant, "frequency_response": data}),
         }
     }

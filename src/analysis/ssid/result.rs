@@ -1,5 +1,6 @@
 //! The result of an identification.
 
+use super::refined::RefinedResult;
 use crate::control::Model;
 use crate::identify::identifiability::Identifiability;
 use crate::identify::search::NEAR;
@@ -123,6 +124,27 @@ pub struct SsidResult {
     pub simulated_vaf_reason: Option<String>,
     /// `simulated_vaf.y` once more, as a number on its own.
     pub variance_accounted_for: Option<f64>,
+    /// A local optimum near the best candidate, with its uncertainty; null where there is none.
+    pub refined: Option<RefinedResult>,
+    /// Why `refined` is null.
+    pub refined_reason: Option<String>,
+    /// Simulation on trials that were not fitted; null where none were named.
+    pub held_out: Option<HeldOut>,
+}
+
+/// Simulation on trials that were not fitted.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct HeldOut {
+    /// By the pool's best candidate.
+    pub pool: SimulatedVafResult,
+    /// By the refined controllers; null where there are none.
+    pub refined: Option<SimulatedVafResult>,
+}
+
+impl SimulatedVafResult {
+    pub(super) fn of(trials: Vec<TrialVaf>) -> Self {
+        Self { y: mean(trials.iter().map(|t| t.y)), u: mean(trials.iter().map(|t| t.u)), trials }
+    }
 }
 
 fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
@@ -137,11 +159,7 @@ impl SsidResult {
         trials: Vec<TrialVaf>,
         is_frequency_data: bool,
     ) -> Self {
-        let simulated_vaf = (!is_frequency_data).then(|| SimulatedVafResult {
-            y: mean(trials.iter().map(|t| t.y)),
-            u: mean(trials.iter().map(|t| t.u)),
-            trials,
-        });
+        let simulated_vaf = (!is_frequency_data).then(|| SimulatedVafResult::of(trials));
         Self {
             feedforward: found.feedforward.to_model(),
             feedback: found.feedback.to_model(),
@@ -188,6 +206,9 @@ impl SsidResult {
             simulated_vaf,
             simulated_vaf_reason: is_frequency_data
                 .then(|| "the request carries frequency data, and no trial to simulate".to_owned()),
+            refined: None,
+            refined_reason: None,
+            held_out: None,
         }
     }
 }

@@ -1,5 +1,6 @@
 //! How it is identified: as written, and checked.
 
+use super::refined::{BootstrapSpec, MAX_DRAWS};
 use crate::analysis::frequency_problem;
 use crate::analysis::problem::{Code, Problem};
 use crate::identify::frequency::{CheckedSettings, FrequencySettings};
@@ -40,6 +41,11 @@ pub struct SsidSpec {
     /// appendix C), from the lowest to the highest line used for others.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub band_hz: Option<[f64; 2]>,
+    /// Whether the best candidate is refined, and its uncertainty computed where the noise is known. Default: true.
+    pub refine: bool,
+    /// A parametric bootstrap that checks the bands. Default: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bootstrap: Option<BootstrapSpec>,
 }
 
 /// The spec as people write it.
@@ -56,6 +62,8 @@ struct Written {
     max_candidates: Option<u64>,
     sample_time_s: Option<f64>,
     band_hz: Option<[f64; 2]>,
+    refine: Option<bool>,
+    bootstrap: Option<BootstrapSpec>,
 }
 
 /// A checked spec.
@@ -145,6 +153,17 @@ impl CheckedSpec {
         if let Some([low, high]) = band_hz.filter(|[low, high]| !(*low >= 0.0 && low < high && high.is_finite())) {
             return Err(wrong(format!("the band from {low} to {high} Hz is none"), "/spec/band_hz"));
         }
+        let refine = written.refine.unwrap_or(true);
+        if let Some(bootstrap) = written.bootstrap {
+            if !refine {
+                return Err(wrong("the bootstrap repeats a refinement, and there is none", "/spec/bootstrap")
+                    .mend("Leave it out, or set refine to true."));
+            }
+            if bootstrap.draws == 0 || bootstrap.draws > MAX_DRAWS {
+                let detail = format!("there are {} draws; 1 to {MAX_DRAWS} are taken", bootstrap.draws);
+                return Err(wrong(detail, "/spec/bootstrap/draws"));
+            }
+        }
         let structure = recipe.structure();
         let written = SsidSpec {
             pool,
@@ -157,6 +176,8 @@ impl CheckedSpec {
             max_candidates,
             sample_time_s: written.sample_time_s,
             band_hz,
+            refine,
+            bootstrap: written.bootstrap,
         };
         Ok(Self { written, recipe, frequency })
     }

@@ -10,6 +10,8 @@
 //! region does. A local optimum is what the equations say near one candidate; only the pool's optimum is a global one, and of the pool.
 
 mod bootstrap;
+mod delays;
+mod orders;
 mod projection;
 mod region;
 mod residuals;
@@ -19,12 +21,13 @@ mod variable;
 use super::identifiability::Structure;
 use super::problem::{Line, Problem};
 use super::time::{Time, multiply};
-use crate::control::two_dof::TwoDegreesOfFreedom;
 use crate::control::{Continuous, System, TransferFunction};
 use crate::num::least_squares::{self, Active, LeastSquaresError, Minimum, Options, Stop};
 use crate::num::{Ctl, Polynomial, Stopped};
 pub use bootstrap::{Bootstrap, BootstrapBand};
+pub use delays::{Delay, DelayValue, Delays, ScanPoint, refine_with_delays};
 use num_complex::Complex64;
+pub use orders::Criteria;
 use projection::{Layout, Parts, Projection};
 use region::Margin;
 pub use residuals::ResidualTests;
@@ -116,15 +119,21 @@ pub struct Refined {
     pub feedforward: System,
     /// Gfb, without its delay.
     pub feedback: System,
+    /// The feedback's delay in seconds.
+    pub feedback_delay_s: f64,
+    /// The feedforward's delay in seconds.
+    pub feedforward_delay_s: f64,
     /// J.
     pub cost: f64,
     /// J of the coefficients as written here.
     pub cost_of_coefficients: f64,
     /// J of the start.
     pub start_cost: f64,
-    /// Poles of the closed loop: of the feedforward, then of the feedback loop.
+    /// Poles of the closed loop: of the feedforward, then of the feedback loop; in continuous time a loop with delay has infinitely many, and
+    /// none of them is listed.
     pub closed_loop_poles: Vec<Complex64>,
-    /// Largest real part of their exponents in 1/s; `None` where there is no pole with a finite one.
+    /// Largest real part of the exponents of all poles in 1/s, those of a loop with delay included; `None` where there is no pole with a
+    /// finite one.
     pub slowest_exponent: Option<f64>,
     /// The cosine that proves stationarity; see [`least_squares`].
     pub gradient_cosine: f64,
@@ -165,12 +174,25 @@ fn power(power: usize) -> Vec<f64> {
 }
 
 impl<'a> Refinement<'a> {
-    /// Refines from a start.
+    /// Refines from a start, without delay.
     ///
     /// # Errors
     /// [`RefineError`].
     pub fn new(setup: Setup<'a>, start: &Start, ctl: &Ctl) -> Result<Self, RefineError> {
-        let (projection, phi) = prepared(setup, start)?;
+        Self::with_delays(setup, start, [DelayValue::NONE; 2], ctl)
+    }
+
+    /// Refines from a start with delays in feedback and feedforward, in this order.
+    ///
+    /// # Errors
+    /// [`RefineError`].
+    pub fn with_delays(
+        setup: Setup<'a>,
+        start: &Start,
+        delays: [DelayValue; 2],
+        ctl: &Ctl,
+    ) -> Result<Self, RefineError> {
+        let (projection, phi) = prepared(setup, start, delays)?;
         let options = Options { residual_floor: ROUNDING * data_norm(&projection), ..Options::default() };
         let start_cost = projection.point(&phi).ok_or(RefineError::NotFinite)?.residuals.norm_squared();
         let minimum = least_squares::minimise(&projection, &phi, &options, ctl).map_err(|error| match error {
@@ -187,17 +209,22 @@ impl<'a> Refinement<'a> {
     /// [`RefineError::NotFinite`] where coefficients in powers of s or z overflow.
     pub fn refined(&self) -> Result<Refined, RefineError> {
         let (feedforward, feedback) = self.controllers()?;
-        let (closed_loop_poles, model) = closed_loop(self.setup.plant, &feedforward, &feedback, self.lines())?;
+        let parts = self.projection.parts(&self.minimum.x);
+        let delays =
+            [parts.feedback_delay, parts.feedforward_delay].map(|delay| delay / self.projection.variable.omega);
+        let model = closed_loop(self.setup.problem, &feedforward, &feedback, delays)?;
+        let (closed_loop_poles, slowest_exponent) = self.poles(&feedforward, &feedback, delays[0])?;
         let cost_of_coefficients =
             self.lines().iter().zip(&model).map(|(line, model)| line.weight * (model - line.response).norm_sqr()).sum();
-        let time = self.setup.problem.time();
         Ok(Refined {
             feedforward,
             feedback,
+            feedback_delay_s: delays[0],
+            feedforward_delay_s: delays[1],
             cost: self.minimum.cost,
             cost_of_coefficients,
             start_cost: self.start_cost,
-            slowest_exponent: time.slowest_exponent(&closed_loop_poles).filter(|e| e.is_finite()),
+            slowest_exponent,
             closed_loop_poles,
             gradient_cosine: self.minimum.gradient_cosine,
             stop: self.minimum.stop,
@@ -218,6 +245,33 @@ impl<'a> Refinement<'a> {
         written(&self.projection, &parts, point.beta.as_slice())
     }
 
+    /// Poles, and the largest real part of their exponents.
+    fn poles(
+        &self,
+        feedforward: &System,
+        feedback: &System,
+        feedback_delay_s: f64,
+    ) -> Result<(Vec<Complex64>, Option<f64>), RefineError> {
+        let Setup { problem, plant, margin_per_s, .. } = self.setup;
+        let time = problem.time();
+        let mut poles = feedforward.den().roots().map_err(|_| RefineError::NotFinite)?;
+        let (open, gain) = (plant.den().mul(feedback.den()), plant.num().mul(feedback.num()));
+        let mut slowest = None;
+        match time {
+            Time::Continuous if feedback_delay_s > 0.0 => {
+                slowest =
+                    delays::slowest_exponent(open.coefficients(), gain.coefficients(), feedback_delay_s, margin_per_s);
+            }
+            _ => {
+                let samples = time.sample_time_s().map_or(0, |t| (feedback_delay_s / t).round() as usize);
+                let open = Polynomial::new([open.coefficients(), &vec![0.0; samples]].concat());
+                poles.extend(open.add(&gain).roots().map_err(|_| RefineError::NotFinite)?);
+            }
+        }
+        let listed = time.slowest_exponent(&poles).filter(|e| e.is_finite());
+        Ok((poles, listed.into_iter().chain(slowest).reduce(f64::max)))
+    }
+
     fn active(&self) -> Vec<ActiveConstraint> {
         let feedforward =
             if self.projection.layout.has_feedforward_margin() { self.projection.margins[0].len() } else { 0 };
@@ -234,13 +288,21 @@ impl<'a> Refinement<'a> {
                 },
             })
             .collect();
+        if self.minimum.stop == Stop::Blocked {
+            // Only the loop with delay is judged by a yes-or-no test.
+            active.push(ActiveConstraint::LoopMargin);
+        }
         active.dedup();
         active
     }
 }
 
 /// The projection of a problem, with its margins around a start, and the start itself.
-fn prepared<'a>(setup: Setup<'a>, start: &Start) -> Result<(Projection<'a>, Vec<f64>), RefineError> {
+fn prepared<'a>(
+    setup: Setup<'a>,
+    start: &Start,
+    [feedback_delay, feedforward_delay]: [DelayValue; 2],
+) -> Result<(Projection<'a>, Vec<f64>), RefineError> {
     let Setup { problem, plant, structure, margin_per_s } = setup;
     let variable = Variable::new(problem.time(), problem.lines());
     let layout = Layout {
@@ -248,8 +310,8 @@ fn prepared<'a>(setup: Setup<'a>, start: &Start) -> Result<(Projection<'a>, Vec<
         feedforward_is_free: structure.feedforward_denominator_is_free,
         feedback_numerator: structure.feedback_numerator,
         feedback_denominator: structure.feedback_denominator,
-        feedback_delay_is_free: false,
-        feedforward_delay_is_free: false,
+        feedback_delay_is_free: feedback_delay.range_s.is_some(),
+        feedforward_delay_is_free: feedforward_delay.range_s.is_some(),
     };
     let mut phi = Vec::new();
     if layout.feedforward_is_free {
@@ -267,18 +329,33 @@ fn prepared<'a>(setup: Setup<'a>, start: &Start) -> Result<(Projection<'a>, Vec<
     if layout.has_feedforward_margin() {
         let degree = layout.feedforward_degree;
         let terms: Vec<Option<Vec<f64>>> = unknowns.iter().map(|unknown| unknown.in_feedforward()).collect();
-        let margin = Margin::new(&variable, margin_per_s, &power(degree), &terms, degree, &phi);
+        // Delays move no root of the feedforward's denominator.
+        let mut start = phi.clone();
+        start.resize(terms.len(), 0.0);
+        let margin = Margin::new(&variable, margin_per_s, &power(degree), &terms, degree, &start);
         margins.push(margin.ok_or(RefineError::OnTheEdge("feedforward"))?);
     }
     let (np, dp) = (variable.enter(plant.num().coefficients()), variable.enter(plant.den().coefficients()));
+    let in_units = |seconds: f64| seconds * variable.omega;
+    if !feedback_delay.is_none() {
+        phi.extend(feedback_delay.range_s.map(|_| in_units(feedback_delay.start_s)));
+        phi.extend(feedforward_delay.range_s.map(|_| in_units(feedforward_delay.start_s)));
+        let mut projection = Projection::new(problem, variable, layout, margins);
+        projection.set_delays(feedback_delay, feedforward_delay);
+        projection.delayed_loop = Some(delays::delayed_loop(variable, problem.time(), np, dp, margin_per_s));
+        return Ok((projection, phi));
+    }
     let degree = plant.den().degree() + layout.feedback_denominator;
     let terms: Vec<Option<Vec<f64>>> = unknowns.iter().map(|unknown| unknown.in_loop(&np, &dp)).collect();
     let base = multiply(&dp, &power(layout.feedback_denominator));
+    phi.extend(feedforward_delay.range_s.map(|_| in_units(feedforward_delay.start_s)));
     if degree > 0 {
         let margin = Margin::new(&variable, margin_per_s, &base, &terms, degree, &phi);
         margins.push(margin.ok_or(RefineError::OnTheEdge("feedback loop"))?);
     }
-    Ok((Projection::new(problem, variable, layout, margins), phi))
+    let mut projection = Projection::new(problem, variable, layout, margins);
+    projection.set_delays(feedback_delay, feedforward_delay);
+    Ok((projection, phi))
 }
 
 fn data_norm(projection: &Projection<'_>) -> f64 {
@@ -313,28 +390,27 @@ fn system(time: Time, num: &[f64], den: &[f64]) -> Result<System, RefineError> {
     .map_err(|_| RefineError::NotFinite)
 }
 
-/// Poles, and the response from command to output at the lines.
+/// The response from command to output at the lines, with delays in feedback and feedforward.
 fn closed_loop(
-    plant: &System,
+    problem: &Problem,
     feedforward: &System,
     feedback: &System,
-    lines: &[Line],
-) -> Result<(Vec<Complex64>, Vec<Complex64>), RefineError> {
-    let lp = |a: &Polynomial, b: &Polynomial| a.mul(b);
-    let loop_polynomial = lp(plant.den(), feedback.den()).add(&lp(plant.num(), feedback.num()));
-    let mut poles = feedforward.den().roots().map_err(|_| RefineError::NotFinite)?;
-    poles.extend(loop_polynomial.roots().map_err(|_| RefineError::NotFinite)?);
-    let response = |omega: f64| match (plant, feedforward, feedback) {
-        (System::Continuous(g), System::Continuous(ff), System::Continuous(fb)) => {
-            TwoDegreesOfFreedom::new(g.clone(), ff.clone(), fb.clone()).ok().map(|l| l.command_to_output(omega))
-        }
-        (System::Discrete(g), System::Discrete(ff), System::Discrete(fb)) => {
-            TwoDegreesOfFreedom::new(g.clone(), ff.clone(), fb.clone()).ok().map(|l| l.command_to_output(omega))
-        }
-        _ => None,
-    };
-    let model: Option<Vec<Complex64>> = lines.iter().map(|line| response(line.omega_rad_s)).collect();
-    Ok((poles, model.ok_or(RefineError::NotFinite)?))
+    [feedback_delay_s, feedforward_delay_s]: [f64; 2],
+) -> Result<Vec<Complex64>, RefineError> {
+    let at = |p: &Polynomial| problem.at_lines(p.coefficients());
+    let (nff, dff, nfb, dfb) = (at(feedforward.num()), at(feedforward.den()), at(feedback.num()), at(feedback.den()));
+    let model: Vec<Complex64> = problem
+        .lines()
+        .iter()
+        .enumerate()
+        .map(|(k, line)| {
+            let turned = |delay: f64| Complex64::from_polar(1.0, -delay * line.omega_rad_s);
+            let delayed = nfb[k] * turned(feedback_delay_s);
+            let top = nff[k] * turned(feedforward_delay_s) * dfb[k] + delayed * dff[k];
+            line.plant * top / (dff[k] * (dfb[k] + line.plant * delayed))
+        })
+        .collect();
+    if model.iter().all(|m| m.norm().is_finite()) { Ok(model) } else { Err(RefineError::NotFinite) }
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 //! (Golub and Pereyra 1973, in full) `∂r = P⊥ (∂A β − ∂b) − (A⁺)ᵀ ∂Aᵀ r`, with the projector `P⊥ = I − A A⁺`. All is written in polynomials, so
 //! a feedback pole on a line (an integrator at 0 Hz) does no harm.
 
+use super::delays::DelayValue;
 use super::region::Margin;
 use super::variable::Variable;
 use crate::identify::problem::Problem;
@@ -132,8 +133,9 @@ pub(super) struct Projection<'a> {
     /// Delays where they are not free, times ω₀.
     pub fixed_feedback_delay: f64,
     pub fixed_feedforward_delay: f64,
-    /// Largest delays, times ω₀.
-    pub longest_delay: f64,
+    /// Smallest and largest delays where they are free, times ω₀.
+    pub feedback_delay_range: [f64; 2],
+    pub feedforward_delay_range: [f64; 2],
     /// The margins of the feedforward and of the loop; of the loop only where there is no delay.
     pub margins: Vec<Margin>,
     pub delayed_loop: Option<DelayedLoop<'a>>,
@@ -197,13 +199,27 @@ impl<'a> Projection<'a> {
             unknowns: layout.unknowns(),
             fixed_feedback_delay: 0.0,
             fixed_feedforward_delay: 0.0,
-            longest_delay: f64::INFINITY,
+            feedback_delay_range: [0.0, f64::INFINITY],
+            feedforward_delay_range: [0.0, f64::INFINITY],
             margins,
             delayed_loop: None,
             response: lines.iter().map(|l| l.response).collect(),
             weight: lines.iter().map(|l| l.weight).collect(),
             x: lines.iter().map(|l| variable.at(l.omega_rad_s)).collect(),
             basis,
+        }
+    }
+
+    /// Takes delays: fixed, or free in a range.
+    pub fn set_delays(&mut self, feedback: DelayValue, feedforward: DelayValue) {
+        let in_units = |seconds: f64| seconds * self.variable.omega;
+        self.fixed_feedback_delay = in_units(feedback.start_s);
+        self.fixed_feedforward_delay = in_units(feedforward.start_s);
+        if let Some(range) = feedback.range_s {
+            self.feedback_delay_range = range.map(in_units);
+        }
+        if let Some(range) = feedforward.range_s {
+            self.feedforward_delay_range = range.map(in_units);
         }
     }
 
@@ -403,7 +419,8 @@ impl LeastSquares for Projection<'_> {
         self.unknowns
             .iter()
             .map(|unknown| match unknown {
-                Unknown::FeedbackDelay | Unknown::FeedforwardDelay => [0.0, self.longest_delay],
+                Unknown::FeedbackDelay => self.feedback_delay_range,
+                Unknown::FeedforwardDelay => self.feedforward_delay_range,
                 _ => [f64::NEG_INFINITY, f64::INFINITY],
             })
             .collect()

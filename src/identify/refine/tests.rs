@@ -163,3 +163,84 @@ fn a_start_outside_the_margin_is_refused() {
     let error = Refinement::new(world.setup(&problem, 0.0), &start, &Ctl::new()).err().unwrap();
     assert_eq!(error, RefineError::Degree("feedback denominator"));
 }
+
+/// The first-order loop with delays in both controllers.
+fn delayed(world: &World, delays: [f64; 2]) -> Problem {
+    let h: Vec<Complex64> = world
+        .omega
+        .iter()
+        .map(|w| {
+            let (g, ff, fb) = (world.plant.response(*w), world.feedforward.response(*w), world.feedback.response(*w));
+            let turned = |delay: f64| Complex64::from_polar(1.0, -delay * w);
+            g * (ff * turned(delays[1]) + fb * turned(delays[0])) / (1.0 + g * fb * turned(delays[0]))
+        })
+        .collect();
+    Problem::new(&Lines::new(&world.plant, &world.omega, &h, None), world.structure.feedforward_numerator).unwrap()
+}
+
+#[test]
+fn delays_are_recovered_from_a_start_without_them() {
+    let world = first_order();
+    for truth in [[0.12, 0.0], [0.15, 0.08]] {
+        let problem = delayed(&world, truth);
+        let delays = Delays {
+            feedback: Delay::Range([0.0, 0.4]),
+            feedforward: if truth[1] > 0.0 { Delay::Range([0.0, 0.3]) } else { Delay::Grid(vec![0.0]) },
+        };
+        let setup = world.setup(&problem, 0.1);
+        let (refinement, scan) =
+            refine_with_delays(setup, &world.start([1.2, 0.9, 1.1]), &delays, &Ctl::new()).unwrap();
+        let refined = refinement.refined().unwrap();
+        assert!(refined.stop.is_converged() && refined.cost < 1e-16, "{refined:?} {scan:?}");
+        assert!((refined.feedback_delay_s - truth[0]).abs() < 1e-6, "{refined:?}");
+        assert!((refined.feedforward_delay_s - truth[1]).abs() < 1e-6, "{refined:?}");
+        assert!(close(&refined.feedback, &world.feedback, 1e-4), "{refined:?}");
+        assert!(refined.cost_of_coefficients < 1e-16 && refined.slowest_exponent.unwrap() < -0.1);
+        assert_eq!(scan.len(), if truth[1] > 0.0 { 81 } else { 9 });
+        // The band of a delay holds it.
+        let noise =
+            Noise { variance: vec![1e-6; world.omega.len()], degrees_of_freedom: f64::INFINITY, are_independent: true };
+        let uncertainty = refinement.uncertainty(&noise).unwrap();
+        let delay = uncertainty.parameters.iter().find(|p| p.name == "feedback_delay_s").unwrap();
+        let [low, high] = delay.interval.unwrap_or_else(|| panic!("{uncertainty:?}"));
+        assert!(low < truth[0] && truth[0] < high, "{delay:?}");
+    }
+}
+
+#[test]
+fn sampled_delays_are_whole_samples_and_their_poles_are_listed() {
+    let world = World { plant: sampled(&[0.02, 0.018], &[1.0, -1.5, 0.56]), ..fir() };
+    let problem = delayed(&world, [0.2, 0.1]);
+    let delays =
+        Delays { feedback: Delay::Grid(vec![0.0, 0.1, 0.2, 0.3]), feedforward: Delay::Grid(vec![0.0, 0.1, 0.2]) };
+    let setup = world.setup(&problem, 0.0);
+    let (refinement, scan) = refine_with_delays(setup, &world.start([1.0, 0.7, 1.0]), &delays, &Ctl::new()).unwrap();
+    let refined = refinement.refined().unwrap();
+    assert!(refined.cost < 1e-20, "{refined:?} {scan:?}");
+    assert_eq!([refined.feedback_delay_s, refined.feedforward_delay_s], [0.2, 0.1]);
+    // Two of the feedforward, two of the plant, two of the feedback, two of the delay.
+    assert_eq!(refined.closed_loop_poles.len(), 8);
+    assert!(refined.slowest_exponent.unwrap() < 0.0);
+}
+
+/// A loop that is stable without its delay and not with it is no answer.
+#[test]
+fn stability_is_judged_with_the_delay() {
+    let world = first_order();
+    // With a delay of 1.2 s the true loop is unstable; its response is fitted as well as a stable loop can.
+    let problem = delayed(&world, [1.2, 0.0]);
+    let refinement = refine_with_delays(
+        world.setup(&problem, 0.05),
+        &world.start([1.0; 3]),
+        &Delays { feedback: Delay::Grid(vec![1.2]), feedforward: Delay::Grid(vec![0.0]) },
+        &Ctl::new(),
+    );
+    let (plant, fb) = (&world.plant, &world.feedback);
+    let stable = |fb: &System| {
+        let (d, n) = (plant.den().mul(fb.den()), plant.num().mul(fb.num()));
+        crate::control::delay::is_stable_continuous(d.coefficients(), n.coefficients(), 1.2, 0.0).unwrap()
+    };
+    assert!(!stable(fb));
+    let refined = refinement.unwrap().0.refined().unwrap();
+    assert!(stable(&refined.feedback) && refined.slowest_exponent.unwrap() <= -0.05, "{refined:?}");
+}

@@ -42,7 +42,7 @@ fn derivatives_agree_with_differences() {
     for (sampled, is_fir) in [(false, false), (true, false), (true, true)] {
         let (plant, problem, structure, start) = setting(sampled, is_fir);
         let setup = Setup { problem: &problem, plant: &plant, structure, margin_per_s: 0.05 };
-        let (mut projection, mut phi) = prepared(setup, &start).unwrap();
+        let (mut projection, mut phi) = prepared(setup, &start, [DelayValue::NONE; 2]).unwrap();
         projection.layout.feedback_delay_is_free = true;
         projection.layout.feedforward_delay_is_free = true;
         projection.unknowns = projection.layout.unknowns();
