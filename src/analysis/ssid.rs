@@ -10,11 +10,13 @@
 //! Trials are those of [`trial_input`](super::trial_input), or frequency data come with the request. The method is that of
 //! [`identify::ssid`](crate::identify::ssid).
 
+mod delay_spec;
 mod inputs;
 mod problems;
 mod refined;
 mod result;
 mod spec;
+mod structures;
 
 use super::frequency_problem;
 use super::frequency_response::divergent_warning;
@@ -24,14 +26,16 @@ use super::plan::Failure;
 use super::problem::{Code, Problem};
 use super::report::{Report, Warning};
 use super::trial_input::{ResolvedTrial, inputs_sha256};
-use crate::control::System;
+use crate::control::{System, TransferFunction};
 use crate::identify::frequency::{Channels, Estimate, FrequencyError, VarianceSource, estimate_between};
+use crate::identify::refine::Refined;
 use crate::identify::search::Exhaustive;
 use crate::identify::ssid::{Identified, Settings, SsidError, Weights, identify};
 use crate::identify::validation::simulated_vaf;
 use crate::learning::frequency_domain::{ControllerMetrics, controller_metrics};
 use crate::num::Ctl;
 use crate::trial::Trial;
+pub use delay_spec::{DelayRange, DelaySpec, DelayValueSpec};
 pub use inputs::{FrequencyResponseInput, SsidInputs};
 pub use refined::{BootstrapSpec, RefinedResult, RefinementStop};
 use refined::{KnownNoise, Questions};
@@ -40,6 +44,7 @@ use serde_json::json;
 use spec::CheckedSpec;
 pub use spec::SsidSpec;
 use std::collections::BTreeMap;
+pub use structures::{Likelihood, StructureComparison, StructureRow, StructureSpec};
 
 /// Version of [`SsidResult`].
 const RESULT_VERSION: u32 = 2;
@@ -133,13 +138,20 @@ impl Plan {
                 noise: noise.as_ref(),
                 is_weighted_by_noise: written.weights == Weights::InverseVariance,
                 bootstrap: written.bootstrap,
+                delays: self.spec.delays(),
             };
+            if let (Some(delays), Some(period)) = (questions.delays, found.plant.sample_time_s()) {
+                delay_spec::check_sampled(delays, period)?;
+            }
             match refined::refine(&found, &questions, &mut warnings, ctl).map_err(Failure::Stopped)? {
                 Ok((controllers, mut refined)) => {
-                    let pair = [&controllers.feedforward, &controllers.feedback];
-                    refined.simulated_vaf = validate(&found.plant, pair, &trials, None);
+                    let simulated = |trials: &[ResolvedTrial]| match with_delays(&controllers) {
+                        Ok([feedforward, feedback]) => validate(&found.plant, [&feedforward, &feedback], trials, None),
+                        Err(reason) => not_simulated(trials, reason),
+                    };
+                    refined.simulated_vaf = simulated(&trials);
                     if let Some(held) = &mut held {
-                        held.refined = Some(SimulatedVafResult::of(validate(&found.plant, pair, &held_out, None)));
+                        held.refined = Some(SimulatedVafResult::of(simulated(&held_out)));
                     }
                     result.refined = Some(refined);
                 }
@@ -152,6 +164,18 @@ impl Plan {
             result.refined_reason = Some("the spec asks for none".to_owned());
         }
         result.held_out = held;
+        if !self.spec.structures().is_empty() {
+            let compared = structures::compare(&self.spec, &plant, &data, noise.as_ref(), settings.sample_time_s, ctl)?;
+            let own = settings.recipe.structure();
+            let degrees = [
+                own.feedforward_numerator,
+                own.feedforward_denominator,
+                own.feedback_numerator,
+                own.feedback_denominator,
+            ];
+            structures::warn(&compared, degrees, &mut warnings);
+            result.structures = Some(compared);
+        }
         Ok(Report::new(Kind::Ssid, RESULT_VERSION, json!(result), warnings, json!(written), hashes, None))
     }
 
@@ -238,6 +262,37 @@ fn noise_of(estimate: &Estimate) -> Option<KnownNoise> {
     let lines = estimate.omega_rad_s.iter().zip(&estimate.variance);
     let variance = lines.filter_map(|(omega, variance)| variance.map(|v| (*omega, v))).collect();
     Some(KnownNoise { variance, degrees_of_freedom, are_independent })
+}
+
+/// Controllers with their delays as part of them, where that is possible: in sampled time, `z^{−d}`.
+fn with_delays(refined: &Refined) -> Result<[System; 2], &'static str> {
+    let delayed = |system: &System, delay_s: f64| match system {
+        _ if delay_s == 0.0 => Ok(system.clone()),
+        System::Continuous(_) => {
+            Err("a continuous controller with a delay is no transfer function, and is not simulated")
+        }
+        System::Discrete(tf) => {
+            let samples = (delay_s / tf.time().period_s()).round() as usize;
+            let den = [tf.den().coefficients(), &vec![0.0; samples]].concat();
+            TransferFunction::new(tf.num().coefficients(), &den, tf.time())
+                .map(System::Discrete)
+                .map_err(|_| "the delayed controller is no transfer function")
+        }
+    };
+    Ok([
+        delayed(&refined.feedforward, refined.feedforward_delay_s)?,
+        delayed(&refined.feedback, refined.feedback_delay_s)?,
+    ])
+}
+
+fn not_simulated(trials: &[ResolvedTrial], reason: &str) -> Vec<TrialVaf> {
+    let of = |trial: &ResolvedTrial| TrialVaf {
+        trial: trial.name.clone(),
+        y: None,
+        u: None,
+        reason: Some(reason.to_owned()),
+    };
+    trials.iter().map(of).collect()
 }
 
 /// Simulates a loop (feedforward, feedback) on each trial; what cannot be simulated becomes a warning where warnings are wanted.

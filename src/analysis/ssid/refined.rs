@@ -6,7 +6,8 @@ use crate::control::Model;
 use crate::identify::identifiability::{Identifiability, Structure, judge};
 use crate::identify::problem::{Lines, Problem};
 use crate::identify::refine::{
-    ActiveConstraint, Bootstrap, Noise, RefineError, Refined, Refinement, ResidualTests, Setup, Start, Uncertainty,
+    ActiveConstraint, Bootstrap, Delays, Noise, RefineError, Refined, Refinement, ResidualTests, ScanPoint, Setup,
+    Start, Uncertainty, refine_with_delays,
 };
 use crate::identify::ssid::Identified;
 use crate::identify::time::Time;
@@ -69,6 +70,12 @@ pub struct RefinedResult {
     pub feedforward: Model,
     /// Gfb.
     pub feedback: Model,
+    /// The feedback's delay, `Gfb e^{−sτ}`.
+    pub feedback_delay_s: f64,
+    /// The feedforward's delay.
+    pub feedforward_delay_s: f64,
+    /// J at every pair of delays tried; empty without delays.
+    pub delay_scan: Vec<ScanPoint>,
     /// J, refined.
     pub cost: f64,
     /// J of the pool's best candidate, where the refinement began.
@@ -117,6 +124,11 @@ pub(super) struct KnownNoise {
 }
 
 impl KnownNoise {
+    /// At the lines of an identification.
+    pub fn at_lines(&self, found: &Identified) -> Option<Noise> {
+        self.at(found.lines.iter().map(|(line, _)| line.omega_rad_s))
+    }
+
     /// At the lines used.
     fn at(&self, omega: impl Iterator<Item = f64>) -> Option<Noise> {
         let find = |omega: f64| self.variance.iter().find(|(line, _)| *line == omega).map(|(_, v)| *v);
@@ -133,6 +145,7 @@ pub(super) struct Questions<'a> {
     /// Whether lines are weighted by the inverse of the noise's variance.
     pub is_weighted_by_noise: bool,
     pub bootstrap: Option<BootstrapSpec>,
+    pub delays: Option<&'a Delays>,
 }
 
 /// The least-squares problem of an identification.
@@ -160,8 +173,12 @@ pub(super) fn refine(
         margin_per_s: found.stability_margin,
     };
     let start = Start::of(&found.feedforward, &found.feedback);
-    let refinement = match Refinement::new(setup, &start, ctl) {
-        Ok(refinement) => refinement,
+    let refinement = match questions.delays {
+        None => Refinement::new(setup, &start, ctl).map(|refinement| (refinement, Vec::new())),
+        Some(delays) => refine_with_delays(setup, &start, delays, ctl),
+    };
+    let (refinement, delay_scan) = match refinement {
+        Ok(found) => found,
         Err(RefineError::Stopped(stopped)) => return Err(stopped),
         Err(error) => return Ok(Err(error.to_string())),
     };
@@ -169,7 +186,7 @@ pub(super) fn refine(
         Ok(refined) => refined,
         Err(error) => return Ok(Err(error.to_string())),
     };
-    let noise = questions.noise.and_then(|noise| noise.at(found.lines.iter().map(|(line, _)| line.omega_rad_s)));
+    let noise = questions.noise.and_then(|noise| noise.at_lines(found));
     let uncertainty = noise.as_ref().and_then(|noise| refinement.uncertainty(noise));
     let residual_tests = noise.as_ref().and_then(|noise| refinement.residual_tests(noise));
     let bootstrap = match (&noise, questions.bootstrap) {
@@ -188,6 +205,9 @@ pub(super) fn refine(
     let result = RefinedResult {
         feedforward: refined.feedforward.to_model(),
         feedback: refined.feedback.to_model(),
+        feedback_delay_s: refined.feedback_delay_s,
+        feedforward_delay_s: refined.feedforward_delay_s,
+        delay_scan,
         cost: refined.cost,
         pool_cost: found.optimum.cost,
         cost_of_coefficients: refined.cost_of_coefficients,

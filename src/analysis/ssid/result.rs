@@ -1,6 +1,7 @@
 //! The result of an identification.
 
 use super::refined::RefinedResult;
+use super::structures::StructureComparison;
 use crate::control::Model;
 use crate::identify::identifiability::Identifiability;
 use crate::identify::search::NEAR;
@@ -130,6 +131,8 @@ pub struct SsidResult {
     pub refined_reason: Option<String>,
     /// Simulation on trials that were not fitted; null where none were named.
     pub held_out: Option<HeldOut>,
+    /// Structures compared; null where the spec lists none.
+    pub structures: Option<StructureComparison>,
 }
 
 /// Simulation on trials that were not fitted.
@@ -209,6 +212,7 @@ impl SsidResult {
             refined: None,
             refined_reason: None,
             held_out: None,
+            structures: None,
         }
     }
 }

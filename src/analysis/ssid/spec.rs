@@ -1,10 +1,13 @@
 //! How it is identified: as written, and checked.
 
+use super::delay_spec::DelaySpec;
 use super::refined::{BootstrapSpec, MAX_DRAWS};
+use super::structures::{MAX_STRUCTURES, StructureSpec};
 use crate::analysis::frequency_problem;
 use crate::analysis::problem::{Code, Problem};
 use crate::identify::frequency::{CheckedSettings, FrequencySettings};
 use crate::identify::pool::{Degrees, PoolName, PoolSpec, PoolSpecError, Recipe};
+use crate::identify::refine::Delays;
 use crate::identify::ssid::Weights;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -46,6 +49,12 @@ pub struct SsidSpec {
     /// A parametric bootstrap that checks the bands. Default: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bootstrap: Option<BootstrapSpec>,
+    /// Pure delays of the person, in the refinement. Default: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub delay: Option<DelaySpec>,
+    /// Structures to compare over the same pool family. Default: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub structures: Option<Vec<StructureSpec>>,
 }
 
 /// The spec as people write it.
@@ -64,6 +73,8 @@ struct Written {
     band_hz: Option<[f64; 2]>,
     refine: Option<bool>,
     bootstrap: Option<BootstrapSpec>,
+    delay: Option<DelaySpec>,
+    structures: Option<Vec<StructureSpec>>,
 }
 
 /// A checked spec.
@@ -72,6 +83,8 @@ pub(super) struct CheckedSpec {
     written: SsidSpec,
     recipe: Recipe,
     frequency: Option<CheckedSettings>,
+    delays: Option<Delays>,
+    structures: Vec<Recipe>,
 }
 
 fn wrong(detail: impl Into<String>, location: impl Into<String>) -> Problem {
@@ -164,7 +177,28 @@ impl CheckedSpec {
                 return Err(wrong(detail, "/spec/bootstrap/draws"));
             }
         }
+        let delays = written.delay.as_ref().map(DelaySpec::check).transpose()?;
+        if delays.is_some() && !refine {
+            return Err(wrong("delays belong to the refinement, and there is none", "/spec/delay")
+                .mend("Leave them out, or set refine to true."));
+        }
         let structure = recipe.structure();
+        let listed = written.structures.as_deref().unwrap_or_default();
+        if written.structures.is_some() && (listed.is_empty() || listed.len() > MAX_STRUCTURES) {
+            let detail = format!("there are {} structures; 1 to {MAX_STRUCTURES} are compared", listed.len());
+            return Err(wrong(detail, "/spec/structures"));
+        }
+        let mut structures = Vec::with_capacity(listed.len());
+        for (i, own) in listed.iter().enumerate() {
+            let degrees = Degrees {
+                feedforward_numerator: own.feedforward_numerator_degree.or(written.feedforward_numerator_degree),
+                feedforward_denominator: own.feedforward_denominator_degree.or(written.feedforward_denominator_degree),
+                feedback_numerator: own.feedback_numerator_degree.or(written.feedback_numerator_degree),
+                feedback_denominator: own.feedback_denominator_degree.or(written.feedback_denominator_degree),
+            };
+            structures
+                .push(pool.check(degrees).map_err(|error| pool_problem(&error).at(format!("/spec/structures/{i}")))?);
+        }
         let written = SsidSpec {
             pool,
             feedforward_numerator_degree: structure.feedforward_numerator,
@@ -178,8 +212,10 @@ impl CheckedSpec {
             band_hz,
             refine,
             bootstrap: written.bootstrap,
+            delay: written.delay,
+            structures: written.structures,
         };
-        Ok(Self { written, recipe, frequency })
+        Ok(Self { written, recipe, frequency, delays, structures })
     }
 
     /// With its defaults filled in.
@@ -190,6 +226,16 @@ impl CheckedSpec {
     /// The pool.
     pub(super) fn recipe(&self) -> &Recipe {
         &self.recipe
+    }
+
+    /// The person's delays, in the refinement.
+    pub(super) fn delays(&self) -> Option<&Delays> {
+        self.delays.as_ref()
+    }
+
+    /// The pools of the structures to compare.
+    pub(super) fn structures(&self) -> &[Recipe] {
+        &self.structures
     }
 
     /// How frequency data are made; `None` where the request carries them.

@@ -107,6 +107,15 @@ fn every_refusal_names_its_place() {
         ("/spec/frequency", json!({"lines": "excited"}), Code::Invalid, "/spec/frequency", "no trial"),
         ("/spec/band_hz", json!([1.0, 0.5]), Code::Invalid, "/spec/band_hz", "none"),
         ("/spec/weights", json!("inverse_variance"), Code::Invalid, "/spec/weights", "no variance"),
+        ("/spec/bootstrap", json!({"draws": 0, "seed": 1}), Code::Invalid, "/spec/bootstrap/draws", "0 draws"),
+        ("/spec/structures", json!([]), Code::Invalid, "/spec/structures", "0 structures"),
+        (
+            "/inputs/frequency_response/averages",
+            json!(1),
+            Code::Invalid,
+            "/inputs/frequency_response/averages",
+            "too few",
+        ),
         ("/spec/pools", json!(1), Code::Invalid, "/spec/pools", "unknown field"),
         ("/inputs/trial", json!("x"), Code::Invalid, "/inputs/trial", "no input"),
         ("/inputs/plant", json!(null), Code::Invalid, "/inputs", "no plant"),
@@ -174,7 +183,7 @@ fn a_sampled_pool_on_a_continuous_plant_needs_a_sample_time() {
 fn trials_are_simulated() {
     // A loop that follows the model class exactly, from rest, over whole periods after the start has died away.
     let time = crate::control::Discrete::new(0.1).unwrap();
-    let tf = |num: &[f64], den: &[f64]| crate::control::TransferFunction::new(num, den, time).unwrap();
+    let tf = |num: &[f64], den: &[f64]| TransferFunction::new(num, den, time).unwrap();
     let closed = crate::control::two_dof::TwoDegreesOfFreedom::new(
         tf(&[0.2], &[1.0, -0.8]),
         tf(&[0.7, 0.1], &[1.0, 0.0]),
@@ -205,6 +214,153 @@ fn trials_are_simulated() {
     let vaf = result.simulated_vaf.unwrap();
     assert!(vaf.y.unwrap() > 1.0 - 1e-9 && vaf.u.unwrap() > 1.0 - 1e-9, "{vaf:?} {:?}", report.warnings);
     assert_eq!(result.variance_accounted_for, vaf.y);
+}
+
+/// The request with a variance and data that the pool's grid misses a little.
+fn noisy(noise: f64) -> Value {
+    use rand_distr::{Distribution, StandardNormal};
+    let mut random = crate::num::rng::stream(9, "ssid tests");
+    let mut request = request();
+    let data = &mut request["inputs"]["frequency_response"];
+    for h in data["h"].as_array_mut().unwrap() {
+        for part in h.as_array_mut().unwrap() {
+            let normal: f64 = StandardNormal.sample(&mut random);
+            *part = json!(part.as_f64().unwrap() + noise * normal);
+        }
+    }
+    let lines = data["h"].as_array().unwrap().len();
+    data["variance"] = json!(vec![2.0 * noise * noise; lines]);
+    request
+}
+
+fn result(request: &Value) -> (SsidResult, Vec<Warning>) {
+    let report = run(request).unwrap();
+    (serde_json::from_value(report.result).unwrap(), report.warnings)
+}
+
+#[test]
+fn the_refined_optimum_stands_beside_the_pool_with_its_bands() {
+    let mut request = noisy(1e-4);
+    request["spec"]["bootstrap"] = json!({"draws": 60, "seed": 4});
+    let (result, warnings) = result(&request);
+    let refined = result.refined.unwrap();
+    assert!(refined.converged && refined.cost <= result.cost && refined.pool_cost == result.cost, "{refined:?}");
+    assert!(refined.gradient_norm < 1e-7 && refined.active_constraints.is_empty() && result.refined_reason.is_none());
+    assert!((refined.cost_of_coefficients / refined.cost - 1.0).abs() < 1e-6);
+    let uncertainty = refined.uncertainty.unwrap();
+    // Coefficients of the truth within five standard deviations.
+    for (name, truth) in
+        [("feedforward_denominator[1]", 6.5), ("feedback_numerator[0]", 5.4), ("feedback_denominator[1]", 7.1)]
+    {
+        let found = uncertainty.parameters.iter().find(|p| p.name == name).unwrap();
+        assert!((found.value - truth).abs() < 5.0 * found.standard_deviation.unwrap(), "{found:?}");
+    }
+    assert_eq!([uncertainty.feedforward.len(), uncertainty.closed_loop.len()], [20, 20]);
+    assert!(uncertainty.closed_loop.iter().all(|band| band.magnitude_band.is_some()));
+    assert!(refined.residual_tests.unwrap().power_p_value > 1e-4);
+    let bootstrap = refined.bootstrap.unwrap();
+    assert!(bootstrap.converged > 50 && bootstrap.draws == 60, "{bootstrap:?}");
+    assert!(!warnings.iter().any(|w| w.code == "residuals_exceed_noise"), "{warnings:?}");
+
+    // Without a variance there is nothing to say, and that is said.
+    request["inputs"]["frequency_response"].as_object_mut().unwrap().remove("variance");
+    let (silent, warnings) = self::result(&request);
+    let refined = silent.refined.unwrap();
+    assert!(refined.uncertainty.is_none() && refined.uncertainty_reason.is_some() && refined.bootstrap.is_none());
+    assert!(warnings.iter().any(|w| w.code == "no_bootstrap"));
+    // And none where none is wanted.
+    request["spec"].as_object_mut().unwrap().remove("bootstrap");
+    request["spec"]["refine"] = json!(false);
+    let (without, _) = self::result(&request);
+    assert!(without.refined.is_none() && without.refined_reason.is_some());
+}
+
+#[test]
+fn a_delay_is_found_by_the_refinement() {
+    let mut request = request();
+    let omega = request["inputs"]["frequency_response"]["omega_rad_s"].clone();
+    let h: Vec<[f64; 2]> = omega
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|w| {
+            let s = num_complex::Complex64::new(0.0, w.as_f64().unwrap());
+            let (g, ff, fb) = (4.0 / (s + 2.0), (2.1 * s + 3.0) / (s + 6.5), 5.4 / (s + 7.1) * (-0.15 * s).exp());
+            let closed = g * (ff + fb) / (1.0 + g * fb);
+            [closed.re, closed.im]
+        })
+        .collect();
+    request["inputs"]["frequency_response"]["h"] = json!(h);
+    request["spec"]["delay"] = json!({"feedback_s": {"from": 0.0, "to": 0.4}});
+    let (result, _) = result(&request);
+    let refined = result.refined.unwrap();
+    assert!((refined.feedback_delay_s - 0.15).abs() < 1e-6 && refined.cost < 1e-16, "{refined:?}");
+    assert!(result.cost > 1e-4 && refined.delay_scan.len() == 9 && refined.feedforward_delay_s == 0.0);
+    for (delay, location, words) in [
+        (json!({"feedback_s": -0.1}), "/spec/delay/feedback_s", "negative"),
+        (json!({"feedback_s": []}), "/spec/delay/feedback_s", "1 to 100"),
+        (json!({"feedforward_s": [0.2, 0.1]}), "/spec/delay/feedforward_s", "increase"),
+        (json!({"feedback_s": {"from": 0.3, "to": 0.1}}), "/spec/delay/feedback_s", "no delay from"),
+    ] {
+        request["spec"]["delay"] = delay;
+        let problem = plan(&request).unwrap_err();
+        assert_eq!(problem.location.as_deref(), Some(location));
+        assert!(problem.detail.contains(words), "{problem}");
+    }
+}
+
+#[test]
+fn structures_are_compared_and_the_answer_stays() {
+    let mut request = noisy(1e-3);
+    let (alone, _) = result(&request);
+    request["spec"]["structures"] = json!([{"feedforward_numerator_degree": 0}, {"feedforward_numerator_degree": 1}, {"feedforward_numerator_degree": 2}]);
+    let (with, _) = result(&request);
+    assert_eq!((&alone.feedforward, &alone.feedback), (&with.feedforward, &with.feedback));
+    let compared = with.structures.unwrap();
+    assert_eq!(compared.likelihood, Likelihood::KnownVariance);
+    assert_eq!(compared.rows.iter().map(|row| row.degrees[0]).collect::<Vec<_>>(), [0, 1, 2]);
+    assert_eq!(compared.bic_choice, Some(1), "{compared:?}");
+    let criteria: Vec<_> = compared.rows.iter().map(|row| row.criteria.clone().unwrap()).collect();
+    assert_eq!(criteria.iter().map(|c| c.unknowns).collect::<Vec<_>>(), [4, 5, 6]);
+    request["spec"]["structures"] = json!([{"feedforward_denominator_degree": 3}]);
+    assert_eq!(plan(&request).unwrap_err().location.as_deref(), Some("/spec/structures/0"));
+}
+
+#[test]
+fn held_out_trials_are_simulated_and_must_not_be_fitted() {
+    let trial = |gain: f64| {
+        let r: Vec<f64> = (0..800).map(|i| gain * (0.05 * f64::from(i)).sin() + (0.31 * f64::from(i)).cos()).collect();
+        let y: Vec<f64> = r
+            .iter()
+            .scan(0.0, |y, r| {
+                *y = 0.8 * *y + 0.2 * r;
+                Some(*y)
+            })
+            .collect();
+        json!({"sample_time_s": 0.1, "r": r, "u": r, "y": y})
+    };
+    let mut request = json!({
+        "kind": "ssid",
+        "inputs": {"trial": trial(1.0), "validate_on": [trial(2.0), trial(3.0)],
+                   "plant": {"num": [0.2], "den": [1.0, -0.8], "sample_time_s": 0.1}},
+        "spec": {"pool": {"grid": {"feedback_numerator": [{"from": 0, "to": 1, "step": 0.1}]}},
+                 "feedforward_numerator_degree": 1, "feedforward_denominator_degree": 1,
+                 "frequency": {"lines": {"frequency_hz": [0.05, 0.08, 0.1, 0.2, 0.3, 0.4, 0.5]}}},
+    });
+    let first = plan(&request).unwrap();
+    assert_eq!(Plan::parse(&first.request()).unwrap(), first);
+    let (result, _) = result(&request);
+    let held = result.held_out.unwrap();
+    assert_eq!(
+        held.pool.trials.iter().map(|t| t.trial.as_str()).collect::<Vec<_>>(),
+        ["/inputs/validate_on/0", "/inputs/validate_on/1"]
+    );
+    assert!(held.pool.y.is_some_and(f64::is_finite) && held.refined.unwrap().y.is_some_and(f64::is_finite));
+    request["inputs"]["validate_on"] = json!([trial(1.0)]);
+    let Err(Failure::Problem(problem)) = run(&request) else { panic!("passed") };
+    assert_eq!((problem.code, problem.location.as_deref()), (Code::Invalid, Some("/inputs/validate_on/0")));
+    request["inputs"]["validate_on"] = json!([]);
+    assert_eq!(plan(&request).unwrap_err().location.as_deref(), Some("/inputs/validate_on"));
 }
 
 #[test]

@@ -272,6 +272,26 @@ impl<'a> Refinement<'a> {
         Ok((poles, listed.into_iter().chain(slowest).reduce(f64::max)))
     }
 
+    /// The largest real part of the feedback loop's exponents at a point, its delay included; `None` where it is outside the margin.
+    fn loop_exponent(&self, phi: &[f64]) -> Option<f64> {
+        let parts = self.projection.parts(phi);
+        let beta = vec![0.0; self.setup.structure.feedforward_numerator + 1];
+        let (_, feedback) = written(&self.projection, &parts, &beta).ok()?;
+        let Setup { problem, plant, margin_per_s, .. } = self.setup;
+        let (open, gain) = (plant.den().mul(feedback.den()), plant.num().mul(feedback.num()));
+        let delay_s = parts.feedback_delay / self.projection.variable.omega;
+        match problem.time() {
+            Time::Continuous if delay_s > 0.0 => {
+                delays::slowest_exponent(open.coefficients(), gain.coefficients(), delay_s, margin_per_s)
+            }
+            time => {
+                let samples = time.sample_time_s().map_or(0, |t| (delay_s / t).round() as usize);
+                let open = Polynomial::new([open.coefficients(), &vec![0.0; samples]].concat());
+                time.slowest_exponent(&open.add(&gain).roots().ok()?)
+            }
+        }
+    }
+
     fn active(&self) -> Vec<ActiveConstraint> {
         let feedforward =
             if self.projection.layout.has_feedforward_margin() { self.projection.margins[0].len() } else { 0 };

@@ -33,7 +33,10 @@ const UNDETERMINED: f64 = 1e-6;
 const NEAR_EDGE: f64 = 2.0;
 
 /// Standard deviation of a log magnitude or phase (rad) above which the delta method fails.
-const LARGEST_DEVIATION: f64 = 0.5;
+const LARGEST_DEVIATION: f64 = 0.3;
+
+/// Step of numerical differences, relative to the size of a coefficient.
+const DIFFERENCE: f64 = 1e-4;
 
 /// The noise of the response at the lines used.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,7 +62,7 @@ pub enum Unavailable {
     NearStabilityMargin,
     /// The lines do not determine it.
     NotIdentifiable,
-    /// Its standard deviation is too large for a first-order approximation: above a factor of e^0.5 in magnitude or 0.5 rad in phase.
+    /// Its standard deviation is too large for a first-order approximation: above a factor of e^0.3 in magnitude or 0.3 rad in phase.
     TooUncertain,
     /// The quantity is zero and has no logarithm.
     Zero,
@@ -281,24 +284,55 @@ impl Refinement<'_> {
             return None;
         }
         let mut nearest: Option<f64> = None;
+        let mut measure = |value: f64, slope: &[f64]| {
+            let gradient = DVector::from_fn(beta + slope.len(), |j, _| if j < beta { 0.0 } else { slope[j - beta] });
+            if gradient.norm() > 0.0
+                && let Ok(deviation) = linearised.deviation(&gradient)
+                && deviation.standard > 0.0
+            {
+                let distance = value / deviation.standard;
+                nearest = Some(nearest.map_or(distance, |n: f64| n.min(distance)));
+            }
+        };
         for margin in &self.projection.margins {
             let (values, slope) = margin.evaluate(&self.minimum.x, true);
             for (i, value) in values.iter().enumerate() {
-                let slope = slope.as_ref()?.row(i);
-                let gradient =
-                    DVector::from_fn(beta + slope.len(), |j, _| if j < beta { 0.0 } else { slope[j - beta] });
-                if gradient.norm() == 0.0 {
-                    continue;
-                }
-                if let Ok(deviation) = linearised.deviation(&gradient)
-                    && deviation.standard > 0.0
-                {
-                    let distance = value / deviation.standard;
-                    nearest = Some(nearest.map_or(distance, |n: f64| n.min(distance)));
-                }
+                measure(*value, &slope.as_ref()?.row(i).iter().copied().collect::<Vec<_>>());
             }
         }
+        if self.projection.delayed_loop.is_some() {
+            let Some((value, slope)) = self.delayed_distance() else { return Some(0.0) };
+            measure(value, &slope);
+        }
         nearest
+    }
+
+    /// How far a loop with delay is inside its margin, in 1/s, and the derivatives of that by φ (central differences).
+    ///
+    /// `None` where a loop next to the optimum is already outside.
+    fn delayed_distance(&self) -> Option<(f64, Vec<f64>)> {
+        let distance = |phi: &[f64]| Some(-self.setup.margin_per_s - self.loop_exponent(phi)?);
+        let own = distance(&self.minimum.x)?;
+        let mut slope = Vec::with_capacity(self.minimum.x.len());
+        for j in 0..self.minimum.x.len() {
+            if matches!(self.projection.unknowns[j], Unknown::FeedforwardDenominator(_) | Unknown::FeedforwardDelay) {
+                slope.push(0.0);
+                continue;
+            }
+            let step = DIFFERENCE * (0.1 + self.minimum.x[j].abs());
+            let moved = |by: f64| {
+                let mut phi = self.minimum.x.clone();
+                phi[j] = (phi[j] + by).max(if self.projection.unknowns[j] == Unknown::FeedbackDelay {
+                    0.0
+                } else {
+                    f64::MIN
+                });
+                Some((distance(&phi)?, phi[j]))
+            };
+            let ((up, high), (down, low)) = (moved(step)?, moved(-step)?);
+            slope.push((up - down) / (high - low));
+        }
+        Some((own, slope))
     }
 
     /// Gff, Gfb, Gff·G and the closed loop at a line.
