@@ -112,7 +112,7 @@ impl Layout {
 /// The parts of a point φ, as polynomials in x (descending, denominators monic) and delays times ω₀.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Parts {
-    /// Coefficients in powers of z for an FIR filter's `z^n`, of x otherwise; see [`Projection::feedforward_at`].
+    /// `None` for an FIR filter, whose denominator is `z^n`.
     pub feedforward_denominator: Option<Vec<f64>>,
     pub feedback_numerator: Vec<f64>,
     pub feedback_denominator: Vec<f64>,
