@@ -11,7 +11,6 @@ mod limits;
 mod openapi;
 mod plants;
 mod service;
-mod ssid;
 mod studies;
 mod subjects;
 mod trials;
