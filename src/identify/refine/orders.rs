@@ -163,7 +163,6 @@ mod tests {
             let deviance = criteria[1].aic - 2.0 * 5.0;
             assert!((20.0..85.0).contains(&deviance), "{deviance}");
         }
-        eprintln!("AIC {:?}, BIC {:?}, cross-validation {:?}", chosen[0], chosen[1], chosen[2]);
         assert!(chosen.iter().all(|counts| counts[0] == 0), "{chosen:?}");
         assert!(chosen[0][1] > 35 && chosen[1][1] > 50 && chosen[2][1] > 30, "{chosen:?}");
     }

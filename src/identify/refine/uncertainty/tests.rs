@@ -146,7 +146,6 @@ fn bands_hold_the_truth_in_95_of_100_trials_with_known_variance() {
         for (coverage, name) in
             coverage.iter().zip(["feedforward", "feedback", "feedforward times plant", "closed loop"])
         {
-            eprintln!("noise {noise} weighted {is_weighted} {name}: {:.4} {coverage:?}", coverage.share());
             assert!((0.93..=0.97).contains(&coverage.share()), "{name}: {coverage:?}");
             assert!(coverage.missing * 20 < coverage.given, "{name}: {coverage:?}");
         }
@@ -160,7 +159,6 @@ fn bands_hold_with_variances_from_few_segments() {
         for (coverage, name) in
             coverage.iter().zip(["feedforward", "feedback", "feedforward times plant", "closed loop"])
         {
-            eprintln!("{segments} segments {name}: {:.4} {coverage:?}", coverage.share());
             assert!((0.93..=0.97).contains(&coverage.share()), "{segments} segments, {name}: {coverage:?}");
         }
     }
@@ -185,7 +183,6 @@ fn residual_tests_reject_a_right_model_as_often_as_they_say() {
             white += usize::from(tests.whiteness_p_value.unwrap() < 0.1);
         }
         // 30 are expected, with a standard deviation of 5.2.
-        eprintln!("{segments} segments: {power} and {white} of {trials}");
         assert!((15..=46).contains(&power) && (15..=46).contains(&white), "{power} {white}");
     }
     // A resonance that the structure does not have.
