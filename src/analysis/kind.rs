@@ -14,11 +14,18 @@ pub enum Kind {
     FrequencyResponse,
     /// Subsystem identification: the person's feedforward and feedback controllers.
     Ssid,
+    /// The cost for which a feedback gain is optimal.
+    InverseLqr,
+    /// The noise intensities for which a filter gain is optimal.
+    InverseLqe,
+    /// Both, for a whole controller.
+    InverseLqg,
 }
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 2] = [Self::FrequencyResponse, Self::Ssid];
+    pub const ALL: [Self; 5] =
+        [Self::FrequencyResponse, Self::Ssid, Self::InverseLqr, Self::InverseLqe, Self::InverseLqg];
 
     /// The name on the wire.
     #[must_use]
@@ -26,6 +33,9 @@ impl Kind {
         match self {
             Self::FrequencyResponse => "frequency_response",
             Self::Ssid => "ssid",
+            Self::InverseLqr => "inverse_lqr",
+            Self::InverseLqe => "inverse_lqe",
+            Self::InverseLqg => "inverse_lqg",
         }
     }
 }

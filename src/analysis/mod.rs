@@ -7,6 +7,7 @@ pub mod frequency_problem;
 pub mod frequency_response;
 pub mod ids;
 pub mod inputs;
+pub mod inverse;
 pub mod kind;
 pub mod plan;
 pub mod problem;

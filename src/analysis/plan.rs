@@ -4,7 +4,7 @@ use super::inputs::{Library, References};
 use super::kind::{Kind, Request};
 use super::problem::Problem;
 use super::report::Report;
-use super::{frequency_response, ssid};
+use super::{frequency_response, inverse, ssid};
 use crate::num::{Ctl, Stopped};
 
 /// A checked request: everything that can be checked without its inputs has been.
@@ -14,6 +14,8 @@ pub enum Plan {
     FrequencyResponse(frequency_response::Plan),
     /// See [`ssid`].
     Ssid(ssid::Plan),
+    /// See [`inverse`]: three kinds.
+    Inverse(inverse::Plan),
 }
 
 /// Why a plan came to no report.
@@ -36,6 +38,9 @@ impl Plan {
         match request.kind.parse()? {
             Kind::FrequencyResponse => frequency_response::Plan::parse(request).map(Self::FrequencyResponse),
             Kind::Ssid => ssid::Plan::parse(request).map(Self::Ssid),
+            kind @ (Kind::InverseLqr | Kind::InverseLqe | Kind::InverseLqg) => {
+                inverse::Plan::parse(request, kind).map(Self::Inverse)
+            }
         }
     }
 
@@ -45,6 +50,7 @@ impl Plan {
         match self {
             Self::FrequencyResponse(_) => Kind::FrequencyResponse,
             Self::Ssid(_) => Kind::Ssid,
+            Self::Inverse(plan) => plan.kind(),
         }
     }
 
@@ -54,6 +60,7 @@ impl Plan {
         match self {
             Self::FrequencyResponse(plan) => plan.references(),
             Self::Ssid(plan) => plan.references(),
+            Self::Inverse(plan) => plan.references(),
         }
     }
 
@@ -63,6 +70,7 @@ impl Plan {
         match self {
             Self::FrequencyResponse(plan) => plan.request(),
             Self::Ssid(plan) => plan.request(),
+            Self::Inverse(plan) => plan.request(),
         }
     }
 
@@ -76,6 +84,7 @@ impl Plan {
         match self {
             Self::FrequencyResponse(plan) => plan.run(library, ctl),
             Self::Ssid(plan) => plan.run(library, ctl),
+            Self::Inverse(plan) => plan.run(library, ctl),
         }
     }
 }

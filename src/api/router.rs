@@ -8,6 +8,7 @@ use super::{
     subjects, trials, upload,
 };
 use crate::analysis::frequency_response::{FrequencyResponseResult, FrequencyResponseSpec};
+use crate::analysis::inverse::{Comparand, InverseLqgSpec, InverseLqrResult, InverseSpec, Trajectory};
 use crate::analysis::ssid::{FrequencyResponseInput, SsidResult, SsidSpec};
 use axum::Router;
 use utoipa::openapi::header::HeaderBuilder;
@@ -34,7 +35,12 @@ use utoipa_axum::routes;
         FrequencyResponseResult,
         FrequencyResponseInput,
         SsidSpec,
-        SsidResult
+        SsidResult,
+        InverseSpec,
+        InverseLqgSpec,
+        InverseLqrResult,
+        Trajectory,
+        Comparand
     )),
     tags(
         (name = "studies", description = "The frame of everything else."),

@@ -71,6 +71,9 @@ pub struct InverseLqr {
     pub weights: Option<Weights>,
     /// The least condition number, where definite weights exist.
     pub conditioning: Option<Conditioning>,
+    /// Whether the weights are those of the least condition number. False on the boundary, and where rounding keeps those from returning
+    /// the gain: the weights are then those of the largest margin.
+    pub best_conditioned: bool,
 }
 
 /// Why there is no answer.
@@ -148,6 +151,7 @@ pub fn inverse_lqr(gains: &Gains, settings: &Settings, ctl: &Ctl) -> Result<Inve
         unknowns: space.len(),
         weights: None,
         conditioning: None,
+        best_conditioned: false,
     };
     let s2 = space.scale * space.scale;
     if space.len() == 0 {
@@ -181,23 +185,28 @@ pub fn inverse_lqr(gains: &Gains, settings: &Settings, ctl: &Ctl) -> Result<Inve
         Verdict::Boundary => answer.weights = boundary_weights(gains, settings, &space, &decisive),
         Verdict::Feasible => {
             let found = condition::best_conditioned(gains, &space, &decisive.z, settings.structure.q_sign, ctl)?;
-            let (q, r) = space.at(&found.z);
-            let (mut q, mut r) = (symmetric(&(q * s2)), symmetric(&r));
-            settings.structure.impose(&mut q, &mut r);
-            let mut proof = proof::prove(gains, &q, &r);
-            if proof.as_ref().map_or(f64::INFINITY, |proof| proof.forward_error) > REFINE {
-                let objective = Objective::new(gains, None);
-                let directions = settings.structure.directions(gains.states(), gains.ports());
-                if let Some((better_q, better_r)) = refine(&objective, &directions, &q, &r, ctl)? {
-                    proof = proof::prove(gains, &better_q, &better_r);
-                    (q, r) = (better_q, better_r);
+            // The best conditioned weights; where rounding keeps those from returning the gain, the ones of the largest margin.
+            let mut closest = f64::INFINITY;
+            for (z, is_best) in [(&found.z, true), (&decisive.z, false)] {
+                let (q, r) = space.at(z);
+                let (mut q, mut r) = (symmetric(&(q * s2)), symmetric(&r));
+                if !is_best {
+                    let least = q.symmetric_eigenvalues().min().min(r.symmetric_eigenvalues().min());
+                    q /= least;
+                    r /= least;
+                }
+                settings.structure.impose(&mut q, &mut r);
+                let (weights, error) = proven(gains, settings, q, r, ctl)?;
+                closest = closest.min(error);
+                if weights.is_some() {
+                    answer.weights = weights;
+                    answer.best_conditioned = is_best;
+                    break;
                 }
             }
-            let forward_error = proof.as_ref().map_or(f64::INFINITY, |proof| proof.forward_error);
-            let Some(proof) = proof.ok().filter(|proof| proof.forward_error <= FORWARD) else {
-                return Err(InverseError::Unproven { t_star: decisive.t_star, forward_error });
-            };
-            answer.weights = Some(Weights { q, r, proof });
+            if answer.weights.is_none() {
+                return Err(InverseError::Unproven { t_star: decisive.t_star, forward_error: closest });
+            }
             answer.conditioning = Some(Conditioning {
                 alpha: found.alpha,
                 alpha_lower_bound: found.lower_bound,
@@ -207,6 +216,32 @@ pub fn inverse_lqr(gains: &Gains, settings: &Settings, ctl: &Ctl) -> Result<Inve
         }
     }
     Ok(answer)
+}
+
+/// The weights with their proof, refined where that brings the gain nearer; none where the forward error stays too large.
+fn proven(
+    gains: &Gains,
+    settings: &Settings,
+    q: DMatrix<f64>,
+    r: DMatrix<f64>,
+    ctl: &Ctl,
+) -> Result<(Option<Weights>, f64), Stopped> {
+    let error_of = |weights: &Option<Weights>| weights.as_ref().map_or(f64::INFINITY, |w| w.proof.forward_error);
+    let attempt =
+        |q: DMatrix<f64>, r: DMatrix<f64>| proof::prove(gains, &q, &r).ok().map(|proof| Weights { q, r, proof });
+    let mut best = attempt(q.clone(), r.clone());
+    if error_of(&best) > REFINE {
+        let objective = Objective::new(gains, None);
+        let directions = settings.structure.directions(gains.states(), gains.ports());
+        if let Some((q, r)) = refine(&objective, &directions, &q, &r, ctl)? {
+            let refined = attempt(q, r);
+            if error_of(&refined) < error_of(&best) {
+                best = refined;
+            }
+        }
+    }
+    let error = error_of(&best);
+    Ok((best.filter(|_| error <= FORWARD), error))
 }
 
 /// The weights of the largest margin, with eigenvalues of the wrong sign set to zero; only if they return the gain.

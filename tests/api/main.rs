@@ -6,6 +6,7 @@ mod bad_input;
 mod conditional;
 mod events;
 mod harness;
+mod inverse;
 mod learning;
 mod limits;
 mod openapi;

@@ -50,6 +50,21 @@ fn example() -> Value {
 }
 
 #[test]
+fn run_answers_the_inverse_problem() {
+    // Continuous a = b = 1, K = 3: Q = 3 R.
+    let output = run(r#"{"kind": "inverse_lqr", "inputs": {"a": [[1]], "b": [[1]], "k": [[3]]}}"#);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["result"]["verdict"], "feasible");
+    assert!((report["result"]["alpha"].as_f64().unwrap() - 3.0).abs() < 1e-7);
+    let output = run(r#"{"kind": "inverse_lqr", "inputs": {"a": [[1, 0]], "b": [[1]], "k": [[3]]}}"#);
+    assert_eq!(output.status.code(), Some(2));
+    let problem = problem(&output);
+    assert_eq!(problem["where"], "/inputs/a");
+    assert!(problem["detail"].as_str().unwrap().contains("1x2"), "{problem}");
+}
+
+#[test]
 fn run_writes_the_report_and_exits_with_0() {
     let output = run(&example().to_string());
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));

@@ -32,8 +32,8 @@ fn magnitude(decades: f64, stream: &mut impl Rng) -> f64 {
     10f64.powf(stream.random_range(-decades..=decades))
 }
 
-/// Stable plants with n ≤ 12 states and m ≤ n inputs, in continuous and sampled time, with weights over 12 decades each way, inputs over
-/// 6 and time constants over 6: K = LQR(Q0, R0) must be feasible, or on the boundary where the margin says so. Anything else is told to
+/// Stable plants with n ≤ 12 states and m ≤ n inputs, in continuous and sampled time, with Q over R over 12 decades, inputs over 3 and
+/// time constants over 3: K = LQR(Q0, R0) must be feasible, or on the boundary where the margin says so. Anything else is told to
 /// `complain`.
 pub fn optimal(count: usize, seed: u64, mut complain: impl FnMut(String)) -> Tally {
     let mut stream = rng::stream(seed, "plants");
@@ -43,19 +43,19 @@ pub fn optimal(count: usize, seed: u64, mut complain: impl FnMut(String)) -> Tal
         let m = stream.random_range(1..=n);
         let clock = if stream.random::<bool>() { Clock::Continuous } else { Clock::Sampled };
         let mut a = matrix(n, n, &mut stream);
-        let b = matrix(n, m, &mut stream) * magnitude(3.0, &mut stream);
+        let b = matrix(n, m, &mut stream) * magnitude(1.5, &mut stream);
         let (q, r) = (matrix(n, n, &mut stream), matrix(m, m, &mut stream));
         let poles = eigenvalues(&a).unwrap();
         match clock {
             Clock::Continuous => {
                 let slowest = poles.iter().map(|v| v.re).fold(f64::MIN, f64::max);
                 a -= DMatrix::identity(n, n) * (slowest + 0.05);
-                a *= magnitude(3.0, &mut stream);
+                a *= magnitude(1.5, &mut stream);
             }
             Clock::Sampled => a *= 0.97 / poles.iter().map(|v| v.norm()).fold(0.0, f64::max),
         }
-        let q = (&q * q.transpose() + DMatrix::identity(n, n) * 0.01) * magnitude(6.0, &mut stream);
-        let r = (&r * r.transpose() + DMatrix::identity(m, m) * 0.01) * magnitude(6.0, &mut stream);
+        let q = (&q * q.transpose() + DMatrix::identity(n, n) * 0.01) * magnitude(3.0, &mut stream);
+        let r = (&r * r.transpose() + DMatrix::identity(m, m) * 0.01) * magnitude(3.0, &mut stream);
         let name = format!("plant {round} (n = {n}, m = {m}, {clock:?})");
         let Ok(solution) = lqr(&a, &b, &q, &r, clock) else {
             tally.skipped += 1;

@@ -1,0 +1,283 @@
+//! Inverse optimal control: kinds `inverse_lqr`, `inverse_lqe` and `inverse_lqg`.
+//!
+//! ```json
+//! {"kind": "inverse_lqr", "inputs": {"a": [[0, 1], [2, 0]], "b": [[0], [1]], "k": [[5, 4]], "sample_time_s": null}}
+//! {"kind": "inverse_lqe", "inputs": {"a": [[0, 1], [2, 0]], "c": [[1, 0]], "l": [[4], [9]]}}
+//! {"kind": "inverse_lqg", "inputs": {"a": [[0, 1], [2, 0]], "b": [[0], [1]], "c": [[1, 0]], "k": [[5, 4]], "l": [[4], [9]]},
+//!  "spec": {"regulator": {"state_weight": "diagonal"}}}
+//! ```
+//! The method is that of [`inverse`](crate::inverse). An infeasible verdict is a result: it comes with its certificate, and with the weights
+//! whose gain comes nearest.
+
+mod inputs;
+mod problems;
+mod result;
+mod spec;
+
+use super::inputs::{Library, References};
+use super::kind::{Kind, Request};
+use super::plan::Failure;
+use super::problem::Problem;
+use super::report::{Report, Warning, sha256_json};
+use crate::inverse::fit::{Fit, fit, smallest_cross_term};
+use crate::inverse::{Gains, InverseLqr, Role, Settings, Verdict, inverse_lqr};
+use crate::num::Ctl;
+pub use inputs::{Comparand, InverseInputs, Trajectory};
+pub use result::{
+    AxisResult, ComparisonResult, FitPointResult, FitResult, InverseLqrResult, ProofResult, ReadingResult,
+    ReturnDifferenceResult, SharesResult,
+};
+use serde_json::{Map, Value, json};
+use spec::{Checked, CheckedSpecs};
+pub use spec::{FitSpec, InverseLqgSpec, InverseSpec, PortWeight, StateWeight};
+use std::collections::BTreeMap;
+
+/// Version of [`InverseLqrResult`].
+const RESULT_VERSION: u32 = 1;
+/// Condition numbers above this deserve a warning: weights then differ by more than measured gains tell.
+const ILL_CONDITIONED: f64 = 1e8;
+/// The share of starts that must agree on the best fit for it to be trusted.
+const AGREEMENT: f64 = 0.3;
+
+/// A checked request.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    kind: Kind,
+    inputs: Box<InverseInputs>,
+    specs: Box<CheckedSpecs>,
+}
+
+impl Plan {
+    /// Checks a request of one of the three kinds.
+    ///
+    /// # Errors
+    /// A [`Problem`] with the JSON pointer of what is wrong.
+    pub fn parse(request: &Request, kind: Kind) -> Result<Self, Problem> {
+        let inputs = InverseInputs::parse(&request.inputs, kind)?;
+        let specs = CheckedSpecs::parse(&request.spec, kind, &inputs)?;
+        Ok(Self { kind, inputs: Box::new(inputs), specs: Box::new(specs) })
+    }
+
+    /// Which of the three it is.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// None: the matrices come with the request.
+    #[must_use]
+    pub fn references(&self) -> References {
+        References::default()
+    }
+
+    /// The request with its defaults filled in; parsing it again gives an equal plan.
+    #[must_use]
+    pub fn request(&self) -> Request {
+        Request { kind: self.kind.name().to_owned(), inputs: self.inputs.to_value(), spec: self.specs.to_value() }
+    }
+
+    /// Computes the report; progress counts the verdict and the fit of each half.
+    ///
+    /// # Errors
+    /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] where working precision proves no verdict.
+    pub fn run(&self, _library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
+        let halves: Vec<(&Gains, &Checked)> = [
+            self.inputs.regulator.as_ref().zip(self.specs.regulator.as_ref()),
+            self.inputs.filter.as_ref().zip(self.specs.filter.as_ref()),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        ctl.set_total(2 * halves.len() as u64);
+        let mut warnings = Vec::new();
+        let mut results = Vec::new();
+        for (gains, spec) in halves {
+            results.push((gains.role(), self.half(gains, spec, &mut warnings, ctl)?));
+        }
+        let result = match self.kind {
+            Kind::InverseLqg => both(results),
+            _ => results.pop().map_or(Value::Null, |(role, result)| lettered(role, &result)),
+        };
+        let seed = self.specs.seed();
+        let hashes: BTreeMap<String, String> = self
+            .inputs
+            .to_value()
+            .as_object()
+            .into_iter()
+            .flatten()
+            .map(|(name, value)| (format!("/inputs/{name}"), sha256_json(value)))
+            .collect();
+        Ok(Report::new(self.kind, RESULT_VERSION, result, warnings, self.specs.to_value(), hashes, seed))
+    }
+
+    fn half(
+        &self,
+        gains: &Gains,
+        spec: &Checked,
+        warnings: &mut Vec<Warning>,
+        ctl: &Ctl,
+    ) -> Result<InverseLqrResult, Failure> {
+        let settings = Settings { structure: spec.structure.clone() };
+        let answer = inverse_lqr(gains, &settings, ctl).map_err(|error| problems::inverse(&error))?;
+        ctl.advance(1);
+        let fitted = if answer.weights.is_none() && spec.written.fit.is_some() {
+            let settings = spec.fit_settings();
+            Some(fit(gains, &settings, ctl).map_err(|error| problems::fit(&error))?)
+        } else {
+            None
+        };
+        let cross_term = if fitted.is_some() && settings.structure.is_free() {
+            smallest_cross_term(gains, ctl).map(|found| Some(found.norm)).or_else(|error| match error {
+                crate::convex::lmi::LmiError::Stopped(stopped) => Err(Failure::Stopped(stopped)),
+                crate::convex::lmi::LmiError::Infeasible { .. } => Ok(None),
+            })?
+        } else {
+            None
+        };
+        ctl.advance(1);
+        warn(gains.role(), &answer, fitted.as_ref(), warnings);
+        Ok(InverseLqrResult::new(gains, &answer, fitted.as_ref(), cross_term, &self.inputs))
+    }
+}
+
+/// A regulator's result with the letters of its role: W, V and H in place of Q, R and P.
+fn lettered(role: Role, result: &InverseLqrResult) -> Value {
+    let mut value = json!(result);
+    if role == Role::Filter {
+        rename(&mut value);
+    }
+    value
+}
+
+fn rename(value: &mut Value) {
+    match value {
+        Value::Object(members) => {
+            let renamed: Map<String, Value> = std::mem::take(members)
+                .into_iter()
+                .map(|(name, mut value)| {
+                    rename(&mut value);
+                    let name = match name.as_str() {
+                        "q" => "w".to_owned(),
+                        "r" => "v".to_owned(),
+                        "p" => "h".to_owned(),
+                        "k" => "l".to_owned(),
+                        "q_axes" => "w_axes".to_owned(),
+                        "r_axes" => "v_axes".to_owned(),
+                        "normalised_q" => "normalised_w".to_owned(),
+                        "normalised_r" => "normalised_v".to_owned(),
+                        _ => name,
+                    };
+                    (name, value)
+                })
+                .collect();
+            *members = renamed;
+            for name in ["l", "forward_gain"] {
+                if let Some(gain) = members.get_mut(name) {
+                    transpose(gain);
+                }
+            }
+        }
+        Value::Array(items) => items.iter_mut().for_each(rename),
+        _ => {}
+    }
+}
+
+/// The gain of a filter is n×p, that of the dual regulator p×n.
+fn transpose(value: &mut Value) {
+    if let Ok(rows) = serde_json::from_value::<Vec<Vec<f64>>>(value.clone())
+        && let Some(first) = rows.first()
+    {
+        *value = json!((0..first.len()).map(|j| rows.iter().map(|row| row[j]).collect()).collect::<Vec<Vec<f64>>>());
+    }
+}
+
+/// Both halves: each in full, with the verdict that holds for the controller as a whole and the four weights beside them.
+fn both(results: Vec<(Role, InverseLqrResult)>) -> Value {
+    let mut whole = Map::new();
+    let worst = results.iter().map(|(_, result)| result.verdict.as_str()).max_by_key(|verdict| match *verdict {
+        "feasible" => 0,
+        "boundary" => 1,
+        _ => 2,
+    });
+    whole.insert("verdict".to_owned(), json!(worst));
+    for (role, result) in &results {
+        let value = lettered(*role, result);
+        let letters = if *role == Role::Filter { ["w", "v"] } else { ["q", "r"] };
+        for letter in letters {
+            whole.insert(letter.to_owned(), value[letter].clone());
+        }
+        let name = if *role == Role::Filter { "filter" } else { "regulator" };
+        whole.insert(name.to_owned(), value);
+    }
+    Value::Object(whole)
+}
+
+fn warn(role: Role, answer: &InverseLqr, fitted: Option<&Fit>, warnings: &mut Vec<Warning>) {
+    let half = if role == Role::Filter { "filter" } else { "regulator" };
+    if answer.verdict == Verdict::Boundary {
+        warnings.push(Warning::new(
+            "boundary",
+            format!(
+                "the {half}'s margin t* is zero to working precision: only singular weights may make this gain optimal, and a small \
+                 change of the gain may make it infeasible"
+            ),
+        ));
+    }
+    if let Some(conditioning) = answer.conditioning {
+        if !answer.best_conditioned {
+            warnings.push(Warning::new(
+                "not_best_conditioned",
+                format!(
+                    "rounding keeps the {half}'s weights of the least condition number from returning the gain; those of the largest \
+                     margin are given, which do"
+                ),
+            ));
+        }
+        if conditioning.alpha > ILL_CONDITIONED {
+            warnings.push(Warning::new(
+                "ill_conditioned",
+                format!(
+                    "the best conditioned weights of the {half} have the condition number {:.2e}: the smallest of them say nothing that a \
+                     measured gain could tell",
+                    conditioning.alpha
+                ),
+            ));
+        }
+        if conditioning.solution_dimension > 0 {
+            warnings.push(Warning::new(
+                "not_unique",
+                format!(
+                    "the {half}'s weights of least condition number form a set of dimension {}; those of least Frobenius norm are given, \
+                     and a diagonal weight may range over {:.2e} of its value",
+                    conditioning.solution_dimension, conditioning.solution_width
+                ),
+            ));
+        }
+    }
+    let Some(fitted) = fitted else { return };
+    if let Some((best, first)) = fitted.curve.last().zip(fitted.curve.first()) {
+        let agreeing = best.agreeing_starts as f64;
+        if agreeing < AGREEMENT * best.starts as f64 {
+            warnings.push(Warning::new(
+                "local_minima",
+                format!(
+                    "{} of {} starts agree on the {half}'s best fit: others end in worse minima, and a better one may exist",
+                    best.agreeing_starts, best.starts
+                ),
+            ));
+        }
+        if best.residual < 0.9 * first.residual && fitted.curve.len() > 1 {
+            warnings.push(Warning::new(
+                "condition_number_trade_off",
+                format!(
+                    "no weights make the {half}'s gain optimal; the squared distance falls from {:.4e} to {:.4e} as the condition number \
+                     goes from {:.0e} to {:.0e}: read the whole curve",
+                    first.residual, best.residual, first.condition_number, best.condition_number
+                ),
+            ));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,151 @@
+use super::*;
+use crate::analysis::problem::Code;
+use serde_json::json;
+
+fn request(kind: &str, inputs: Value, spec: Value) -> Request {
+    Request { kind: kind.to_owned(), inputs, spec }
+}
+
+fn run(kind: &str, inputs: Value, spec: Value) -> Report {
+    let request = request(kind, inputs, spec);
+    let plan = crate::analysis::Plan::parse(&request).unwrap();
+    assert_eq!(crate::analysis::Plan::parse(&plan.request()).unwrap().request(), plan.request(), "canonical");
+    plan.run(&Library::default(), &Ctl::new()).unwrap()
+}
+
+fn refused(kind: &str, inputs: Value, spec: Value) -> Problem {
+    crate::analysis::Plan::parse(&request(kind, inputs, spec)).unwrap_err()
+}
+
+#[test]
+fn a_scalar_regulator_has_its_closed_form() {
+    let report = run("inverse_lqr", json!({"a": [[1]], "b": [[1]], "k": [[3]], "sample_time_s": null}), json!({}));
+    let result = &report.result;
+    assert_eq!(result["verdict"], "feasible");
+    assert!((result["alpha"].as_f64().unwrap() - 3.0).abs() < 1e-7);
+    assert!((result["q"][0][0].as_f64().unwrap() - 3.0).abs() < 1e-6);
+    assert!((result["r"][0][0].as_f64().unwrap() - 1.0).abs() < 1e-6);
+    assert!((result["t_star"].as_f64().unwrap() - 0.5).abs() < 1e-7);
+    assert!(result["forward_error"].as_f64().unwrap() < 1e-12);
+    assert_eq!(result["fit"], Value::Null);
+    assert_eq!(report.schema, "volition.inverse_lqr/1");
+}
+
+#[test]
+fn an_infeasible_gain_comes_with_its_fit() {
+    let inputs = json!({"a": [[1]], "b": [[1]], "k": [[1.5]]});
+    let report =
+        run("inverse_lqr", inputs.clone(), json!({"fit": {"condition_numbers": [10, 1000], "random_starts": 1}}));
+    let result = &report.result;
+    assert_eq!(result["verdict"], "infeasible");
+    assert!((result["t_star"].as_f64().unwrap() + 6.0).abs() < 1e-6);
+    assert!(result["t_star_upper_bound"].as_f64().unwrap() < 0.0);
+    // K = 1 + √(1 + q/r) ≥ 1 + √(1 + 1/κ).
+    for (i, kappa) in [10.0_f64, 1000.0].into_iter().enumerate() {
+        let exact = (1.0 + (1.0 + 1.0 / kappa).sqrt() - 1.5).powi(2);
+        let found = result["fit"]["curve"][i]["residual"].as_f64().unwrap();
+        assert!((found / exact - 1.0).abs() < 1e-6, "{found} {exact}");
+    }
+    assert_eq!(report.provenance.seed, Some(1));
+    let without = run("inverse_lqr", inputs, json!({"fit": null}));
+    assert_eq!(without.result["fit"], Value::Null);
+    assert_eq!(without.provenance.seed, None);
+}
+
+#[test]
+fn a_filter_has_its_own_letters_and_shapes() {
+    // The dual of a = [0 1; 2 0] with two states and one output.
+    let inputs =
+        json!({"a": [[1, 2], [-3, 1]], "c": [[1, 0]], "l": [[6.11], [4.33]], "state_names": ["angle", "rate"]});
+    let report = run("inverse_lqe", inputs, json!({}));
+    let result = &report.result;
+    assert_eq!(result["verdict"], "feasible");
+    assert!((result["alpha"].as_f64().unwrap() - 8.4405).abs() < 1e-6);
+    assert!((result["v"][0][0].as_f64().unwrap() - 1.0).abs() < 1e-6);
+    assert!(result.get("q").is_none() && result["w"].is_array() && result["h"].is_array());
+    assert_eq!(result["proof"]["forward_gain"].as_array().unwrap().len(), 2, "n×p");
+    assert!(result["reading"]["w_axes"][0]["combination"].as_str().unwrap().contains("rate"));
+}
+
+#[test]
+fn a_whole_controller_has_both() {
+    let inputs = json!({
+        "a": [[1, 2], [-3, 1]], "b": [[0, 1], [-1, 1]], "c": [[1, 0]], "d": [[0.5, 0]],
+        "k": [[-0.0764, -1.51], [1.88, 0.791]], "l": [[6.11], [4.33]],
+        "trajectory": {"x": [[1, 0], [0.5, 0.2]], "u": [[0.1, -1], [0, -0.4]]},
+        "compare_with": {"q": [[2, 0], [0, 2]], "r": [[20, 0], [0, 40]]}
+    });
+    let report = run("inverse_lqg", inputs.clone(), json!({}));
+    let result = &report.result;
+    assert_eq!(result["verdict"], "feasible");
+    assert!((result["regulator"]["alpha"].as_f64().unwrap() - 18.387574037).abs() < 1e-6);
+    for letter in ["q", "r", "w", "v"] {
+        assert!(result[letter].is_array(), "{letter}");
+    }
+    let reading = &result["regulator"]["reading"];
+    let shares = |name: &str| -> f64 {
+        let sum =
+            |part: &str| -> f64 { reading[name][part].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).sum() };
+        sum("states") + sum("ports")
+    };
+    assert!((shares("trajectory_shares") - 1.0).abs() < 1e-12 && (shares("stationary_shares") - 1.0).abs() < 1e-12);
+    assert!(reading["comparison"]["similarity"].as_f64().unwrap() > 0.9);
+    assert_eq!(result["filter"]["reading"]["comparison"], Value::Null);
+    let again = run("inverse_lqg", inputs, json!({}));
+    assert_eq!(again.provenance.result_sha256, report.provenance.result_sha256);
+}
+
+#[test]
+fn sampled_time_is_told_by_the_sample_time() {
+    let report = run("inverse_lqr", json!({"a": [[2]], "b": [[1]], "k": [[1.6]], "sample_time_s": 0.01}), json!({}));
+    assert!((report.result["alpha"].as_f64().unwrap() - 1.25).abs() < 1e-7);
+}
+
+#[test]
+fn a_structure_that_leaves_nothing_is_infeasible_and_fitted() {
+    let inputs = json!({"a": [[0, 1], [2, 0]], "b": [[0], [1]], "k": [[6, 1]]});
+    let report = run("inverse_lqr", inputs, json!({"state_weight": "diagonal", "fit": {"condition_numbers": [100]}}));
+    assert_eq!(report.result["verdict"], "infeasible");
+    assert_eq!(report.result["fit"]["q"][0][1], json!(0.0));
+}
+
+#[test]
+fn malformed_questions_name_matrix_size_and_reason() {
+    let a = json!([[0, 1], [2, 0]]);
+    let b = json!([[0], [1]]);
+    let cases = [
+        (json!({"a": [[0, 1]], "b": b, "k": [[5, 3]]}), "/inputs/a", "1x2"),
+        (json!({"a": [[0, 1], [2]], "b": b, "k": [[5, 3]]}), "/inputs/a/1", "row 1 of A has 1 entries"),
+        (json!({"a": [[0, 1], [2, "x"]], "b": b, "k": [[5, 3]]}), "/inputs/a/1/1", "no number"),
+        (json!({"a": a, "b": b, "k": [[5], [3]]}), "/inputs/k", "K is 2x1 and must be 1x2"),
+        (json!({"a": a, "b": b, "k": [[1, 3]]}), "/inputs/k", "not stable"),
+        (json!({"a": [[1, 0], [0, -1]], "b": b, "k": [[5, 3]]}), "/inputs/b", "not controllable"),
+        (json!({"a": a, "b": b, "k": [[1e300, 3]]}), "/inputs/k", "1e300"),
+        (json!({"a": a, "b": b}), "/inputs", "no matrix k"),
+        (json!({"a": a, "b": b, "k": [[5, 3]], "c": [[1, 0]]}), "/inputs/c", "takes no input"),
+        (json!({"a": a, "b": b, "k": [[5, 3]], "sample_time_s": -1}), "/inputs/sample_time_s", "-1"),
+        (json!({"a": a, "b": b, "k": [[5, 3]], "state_names": ["one"]}), "/inputs/state_names", "1 names for 2"),
+    ];
+    for (inputs, location, words) in cases {
+        let problem = refused("inverse_lqr", inputs, json!({}));
+        assert_eq!(problem.code, Code::Invalid, "{problem}");
+        assert_eq!(problem.location.as_deref(), Some(location), "{problem}");
+        assert!(problem.detail.contains(words), "{problem}");
+    }
+    let good = json!({"a": a, "b": b, "k": [[5, 3]]});
+    let specs = [
+        (json!({"port_weight": {"fixed": [[-1]]}}), "not positive definite"),
+        (json!({"port_weight": {"fixed": [[1, 0], [0, 1]]}}), "2x2"),
+        (json!({"state_weight": {"pattern": [[true, false], [true, true]]}}), "not symmetric"),
+        (json!({"fit": {"condition_numbers": [10, 5]}}), "increasing"),
+        (json!({"fit": {"gain_covariance": [[1, 0], [0, -1]]}}), "positive definite"),
+        (json!({"unknown": 1}), "unknown"),
+    ];
+    for (spec, words) in specs {
+        let problem = refused("inverse_lqr", good.clone(), spec);
+        assert!(problem.location.as_deref().unwrap().starts_with("/spec"), "{problem}");
+        assert!(problem.to_string().contains(words), "{problem}");
+    }
+    let problem = refused("inverse_lqe", json!({"a": a, "c": [[1, 0]], "l": [[4, 9]]}), json!({}));
+    assert!(problem.detail.contains("L is 1x2 and must be 2x1"), "{problem}");
+}
