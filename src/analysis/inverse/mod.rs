@@ -2,8 +2,8 @@
 //!
 //! ```json
 //! {"kind": "inverse_lqr", "inputs": {"a": [[0, 1], [2, 0]], "b": [[0], [1]], "k": [[5, 4]], "sample_time_s": null}}
-//! {"kind": "inverse_lqe", "inputs": {"a": [[0, 1], [2, 0]], "c": [[1, 0]], "l": [[4], [9]]}}
-//! {"kind": "inverse_lqg", "inputs": {"a": [[0, 1], [2, 0]], "b": [[0], [1]], "c": [[1, 0]], "k": [[5, 4]], "l": [[4], [9]]},
+//! {"kind": "inverse_lqe", "inputs": {"a": [[0, 1], [2, 0]], "c": [[1, 0]], "l": [[4], [5]]}}
+//! {"kind": "inverse_lqg", "inputs": {"a": [[0, 1], [2, 0]], "b": [[0], [1]], "c": [[1, 0]], "k": [[5, 4]], "l": [[4], [5]]},
 //!  "spec": {"regulator": {"state_weight": "diagonal"}}}
 //! ```
 //! The method is that of [`inverse`](crate::inverse). An infeasible verdict is a result: it comes with its certificate, and with the weights
