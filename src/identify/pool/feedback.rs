@@ -56,6 +56,12 @@ pub struct Row<'a> {
 }
 
 impl Row<'_> {
+    /// The positions of the gains in the list of gains; empty for zero feedback.
+    #[must_use]
+    pub fn positions(&self) -> &[usize] {
+        self.positions
+    }
+
     fn get(&self, i: usize) -> Option<Feedback> {
         let gain = *self.gains.get(i)?;
         let Self { denominator, numerator, .. } = *self;
@@ -196,6 +202,64 @@ impl FeedbackTable {
         }
     }
 
+    /// The position of a controller of the table: the inverse of [`FeedbackTable::get`].
+    ///
+    /// # Panics
+    /// If there is none, which is a mistake of the caller.
+    #[must_use]
+    pub fn index(&self, feedback: Feedback) -> u64 {
+        let row = self.row(feedback.denominator, feedback.numerator);
+        let block = row / self.rows_per_block;
+        let mut index = self.before[block];
+        let mut found = None;
+        let never = Ctl::new();
+        // Rows are visited without a stop flag, so there is no error to lose.
+        let _ = self.walk_rows(block * self.rows_per_block..row + 1, &never, |visited| {
+            if visited.denominator == feedback.denominator && visited.numerator == feedback.numerator {
+                let within = match feedback.gain_position {
+                    None => Some(0),
+                    Some(position) => visited.positions.iter().position(|p| *p == position),
+                };
+                found = within.map(|within| index + within as u64);
+            }
+            index += visited.gains.len() as u64;
+            Ok(())
+        });
+        match found {
+            Some(index) => index,
+            None => unreachable!("{feedback:?} is not a stable controller of the table"),
+        }
+    }
+
+    /// The row of a numerator (or zero feedback) over a denominator.
+    fn row(&self, denominator: usize, numerator: Option<usize>) -> usize {
+        let zero = usize::from(self.lists.zero);
+        denominator * (self.lists.numerators.len() + zero) + numerator.map_or(0, |n| n + zero)
+    }
+
+    /// Visits the stable controllers with this denominator and this numerator, in order.
+    pub fn visit(&self, denominator: usize, numerator: usize, mut visit: impl FnMut(Feedback)) {
+        let row = self.row(denominator, Some(numerator));
+        // As above.
+        let _ = self.walk_rows(row..row + 1, &Ctl::new(), |row| {
+            (0..row.gains.len()).filter_map(|i| row.get(i)).for_each(&mut visit);
+            Ok(())
+        });
+    }
+
+    /// Visits the rows of a denominator in order, without those that have no stable controller.
+    ///
+    /// # Errors
+    /// [`Stopped`] when `ctl` or the visitor says so.
+    pub fn walk_denominator<F>(&self, denominator: usize, ctl: &Ctl, visit: F) -> Result<(), Stopped>
+    where
+        F: FnMut(Row<'_>) -> Result<(), Stopped>,
+    {
+        let per_denominator = self.lists.numerators.len() + usize::from(self.lists.zero);
+        let first = denominator * per_denominator;
+        self.walk_rows(first..first + per_denominator, ctl, visit)
+    }
+
     /// The gains with which a numerator (or zero feedback) over a denominator makes a stable loop, in order.
     ///
     /// # Panics
@@ -208,8 +272,7 @@ impl FeedbackTable {
         if numerator.is_none() && !self.lists.zero {
             return gains;
         }
-        let slot = numerator.map_or(0, |n| n + usize::from(self.lists.zero));
-        let row = denominator * (self.lists.numerators.len() + usize::from(self.lists.zero)) + slot;
+        let row = self.row(denominator, numerator);
         // Rows are visited without a stop flag, so there is no error to lose.
         let _ = self.walk_rows(row..row + 1, &Ctl::new(), |found| {
             gains.extend_from_slice(found.gains);

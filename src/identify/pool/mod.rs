@@ -98,6 +98,15 @@ impl Pool {
         Position { feedforward: (index % count) as usize, feedback: self.feedback.get(index / count) }
     }
 
+    /// The index of a pair of a feedforward denominator and a feedback controller of this pool.
+    ///
+    /// # Panics
+    /// If the controller is not in the table, which is a mistake of the caller.
+    #[must_use]
+    pub fn index(&self, feedforward: usize, feedback: Feedback) -> u64 {
+        self.feedback.index(feedback) * self.feedforward.len() as u64 + feedforward as u64
+    }
+
     /// The candidate at a position.
     #[must_use]
     pub fn candidate(&self, position: Position) -> Candidate {

@@ -76,7 +76,14 @@ impl Search for Exhaustive {
             })
             .try_reduce(|| 0, |a: u64, b| Ok(a + b))?;
 
-        Ok(Optimum { index, cost, evaluated: pool.size(), decided_by_qr: decided.into_inner(), near_optimal })
+        Ok(Optimum {
+            index,
+            cost,
+            evaluated: pool.size(),
+            bounded: 0,
+            decided_by_qr: decided.into_inner(),
+            near_optimal,
+        })
     }
 }
 

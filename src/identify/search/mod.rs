@@ -4,11 +4,13 @@ mod block;
 pub mod exact;
 mod exhaustive;
 mod kernel;
+pub mod tree;
 
 use super::pool::Pool;
 use super::problem::Problem;
 use crate::num::{Ctl, Stopped};
 pub use exhaustive::Exhaustive;
+pub use tree::{BranchAndBound, Prepared};
 
 /// Candidates whose cost is within this share of the best one's are counted.
 pub const NEAR: f64 = 0.01;
@@ -36,6 +38,8 @@ pub struct Optimum {
     pub cost: f64,
     /// How many candidates were evaluated one by one (by their own least-squares problem).
     pub evaluated: u64,
+    /// How many pairs of clusters were bounded from below; 0 for a search without bounds. What was not evaluated is proven worse by these.
+    pub bounded: u64,
     /// How many of these could not be told from the best one by the fast evaluation and were decided by QR.
     pub decided_by_qr: u64,
     /// How many candidates, the best one included, cost at most `1 + NEAR` times as much as it.

@@ -1,0 +1,218 @@
+//! The exact search by branch and bound over pairs of clusters: of feedback controllers, and of feedforward denominators.
+
+mod axis;
+mod kernel;
+mod prepared;
+mod ranges;
+mod walk;
+
+use super::{NEAR, Optimum, Search, exact};
+use crate::identify::pool::{Pool, Position};
+use crate::identify::problem::Problem;
+use crate::num::{Ctl, Stopped};
+pub use prepared::Prepared;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use walk::{Found, Own, Walk};
+
+/// Branch and bound over a pool whose trees have been [`Prepared`].
+#[derive(Debug)]
+pub struct BranchAndBound<'a> {
+    /// The trees of this pool at the problem's lines.
+    pub prepared: &'a Prepared,
+}
+
+impl Search for BranchAndBound<'_> {
+    fn search(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Optimum, Stopped> {
+        let walk = Walk::new(problem, pool, self.prepared, NEAR, ctl);
+        let mut own = walk.own();
+        ctl.set_total(pool.size());
+        walk.without_feedback(&mut own)?;
+        let tasks = walk.tasks(&mut own)?;
+        let next = AtomicUsize::new(0);
+        let share = pool.size() / tasks.len().max(1) as u64;
+        let threads = rayon::current_num_threads();
+        // Threads take the tasks in order, so that a good candidate is known early.
+        let owns = (0..threads)
+            .into_par_iter()
+            .with_max_len(1)
+            .map(|_| {
+                let mut own = walk.own();
+                while let Some(task) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    walk.finish(task, &mut own)?;
+                    ctl.advance(share);
+                }
+                Ok(own)
+            })
+            .collect::<Result<Vec<Own>, Stopped>>()?;
+        let mut found = own.found;
+        let (mut evaluated, mut bounded) = (own.counts.evaluated, own.counts.bounded);
+        for own in owns {
+            found.extend(own.found);
+            evaluated += own.counts.evaluated;
+            bounded += own.counts.bounded;
+        }
+        ctl.advance(pool.size());
+        decide(problem, pool, self.prepared, found, walk.best(), (evaluated, bounded), ctl)
+    }
+}
+
+/// Decides by QR among the candidates that the fast evaluation cannot tell apart.
+fn decide(
+    problem: &Problem,
+    pool: &Pool,
+    prepared: &Prepared,
+    mut found: Vec<Found>,
+    best: f64,
+    (evaluated, bounded): (u64, u64),
+    ctl: &Ctl,
+) -> Result<Optimum, Stopped> {
+    let exact_cost = |found: &Found| {
+        let position = Position { feedforward: found.feedforward as usize, feedback: found.feedback };
+        exact::cost(problem, &pool.candidate(position))
+    };
+    let decided = AtomicU64::new(0);
+    let close: Vec<Found> = found.iter().filter(|f| !(f.bound > best)).copied().collect();
+    let costs = close
+        .par_iter()
+        .map(|f| {
+            ctl.check()?;
+            decided.fetch_add(1, Ordering::Relaxed);
+            Ok(exact_cost(f))
+        })
+        .collect::<Result<Vec<f64>, Stopped>>()?;
+    let cost = costs.iter().copied().fold(f64::INFINITY, f64::min);
+    let index = close
+        .iter()
+        .zip(&costs)
+        .filter(|(_, c)| **c <= cost)
+        .map(|(f, _)| pool.index(f.feedforward as usize, f.feedback))
+        .min()
+        .unwrap_or(0);
+    let near = (1.0 + NEAR) * cost;
+    found.retain(|f| !(f.bound > near));
+    let near_optimal = found
+        .par_iter()
+        .map(|f| {
+            let surely = f.cost + (f.cost - f.bound) <= near;
+            // Every stable denominator without feedback is the same candidate again.
+            let copies = match (f.feedback.numerator, prepared.without_feedback) {
+                (None, Some((count, _))) => count,
+                _ => 1,
+            };
+            if surely || exact_cost(f) <= near { copies } else { 0 }
+        })
+        .sum();
+    Ok(Optimum { index, cost, evaluated, bounded, decided_by_qr: decided.into_inner(), near_optimal })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::kernel::{Cell, Denominators, Group, Lines};
+    use super::*;
+    use crate::control::System;
+    use crate::identify::pool::{Degrees, PoolSpec};
+    use crate::identify::problem::Lines as Measured;
+    use crate::num::{Complex64, rng};
+    use crate::plants::catalogue;
+    use rand::RngExt;
+
+    /// A thinned pool of appendix B or C with a response that no candidate fits.
+    fn case(sampled: bool, noise: f64) -> (Problem, Pool) {
+        let (name, plant) = if sampled {
+            ("zhang2015_appendix_c", catalogue::nonminimum_phase())
+        } else {
+            ("zhang2015_appendix_b", catalogue::two_mass())
+        };
+        let spec: PoolSpec = serde_json::from_value(serde_json::json!({
+            "name": name, "thin": {"poles": 12, "zeros": 12, "damping": 4, "gains": 4}
+        }))
+        .unwrap();
+        let recipe = spec.check(Degrees::default()).unwrap();
+        let plant = crate::identify::ssid::plant_for(&recipe, &System::Continuous(plant), Some(0.02)).unwrap();
+        let pool = recipe.build(&plant, &Ctl::new()).unwrap();
+        let omega: Vec<f64> = (0..13).map(|k| std::f64::consts::TAU * (0.05 + 0.03 * f64::from(k))).collect();
+        let mut rng = rng::stream(5, "response");
+        let h: Vec<Complex64> = omega
+            .iter()
+            .map(|w| {
+                let mut draw = || noise * (2.0 * rng.random::<f64>() - 1.0);
+                0.9 / (1.0 + Complex64::new(0.0, 0.4 * w)) + Complex64::new(draw(), draw())
+            })
+            .collect();
+        let lines = Measured::new(&plant, &omega, &h, None);
+        (Problem::new(&lines, recipe.feedforward_numerator_degree).unwrap(), pool)
+    }
+
+    #[test]
+    fn no_member_costs_less_than_the_bound_of_its_clusters() {
+        let mut rng = rng::stream(17, "clusters");
+        let (mut tight, mut checked) = (0, 0);
+        for (sampled, noise) in [(false, 0.01), (false, 0.3), (true, 0.05)] {
+            let (problem, pool) = case(sampled, noise);
+            let ctl = Ctl::new();
+            let prepared = Prepared::new(&problem, &pool, &ctl).unwrap();
+            let lines = Lines::new(&problem);
+            let mut group = Group::new(&lines);
+            let (p_tree, z_tree) = (&prepared.denominators.tree, &prepared.numerators.tree);
+            let f_tree = &prepared.feedforward.tree;
+            for _ in 0..400 {
+                let p = &p_tree.nodes[rng.random_range(0..p_tree.nodes.len())];
+                let z = &z_tree.nodes[rng.random_range(0..z_tree.nodes.len())];
+                let f = &f_tree.nodes[rng.random_range(0..f_tree.nodes.len())];
+                // Members of the clusters, and the cell of the gains around one of them.
+                let mut members = Vec::new();
+                for i in p.members.clone().take(6) {
+                    for j in z.members.clone().take(6) {
+                        let (denominator, numerator) = (p_tree.order[i], z_tree.order[j]);
+                        let scale = prepared.denominators.scales[denominator] * prepared.numerators.scales[numerator];
+                        pool.feedback().visit(denominator, numerator, |feedback| {
+                            members.push((feedback, (feedback.gain.abs() * scale).ln()));
+                        });
+                    }
+                }
+                if members.is_empty() {
+                    continue;
+                }
+                let (first, log) = members[rng.random_range(0..members.len())];
+                let half = 0.3 * rng.random::<f64>();
+                let negative = first.gain < 0.0;
+                let range = prepared.ranges.of(
+                    p_tree.nodes.iter().position(|n| std::ptr::eq(n, p)).unwrap(),
+                    z_tree.nodes.iter().position(|n| std::ptr::eq(n, z)).unwrap(),
+                    negative,
+                );
+                assert!(range[0] <= log && log < range[1], "{log} outside {range:?}");
+                let gain = if negative { -log.exp() } else { log.exp() };
+                let cell = Cell { denominator: &p.centre, numerator: &z.centre, gain, half, clusters: Some([p, z]) };
+                group.fill(&lines, std::iter::once(cell));
+                let limit = 10f64.powf(-4.0 + 5.0 * rng.random::<f64>());
+                let denominators = Denominators::new(&lines, f);
+                let bounds = kernel::bounds(&lines, &group, &denominators, limit, &mut Vec::new());
+                let mut smallest = f64::INFINITY;
+                for (feedback, at) in &members {
+                    if (feedback.gain < 0.0) != negative || (at - log).abs() > half {
+                        continue;
+                    }
+                    for i in f.members.clone().take(6) {
+                        let position = Position { feedforward: f_tree.order[i], feedback: *feedback };
+                        let cost = exact::cost(&problem, &pool.candidate(position));
+                        smallest = smallest.min(cost);
+                        assert!(
+                            !(bounds.bound[0] > cost),
+                            "sampled {sampled}: bound {} above the cost {cost} of {position:?}, half {half}, \
+                             {} denominators, {} numerators, {} feedforward",
+                            bounds.bound[0],
+                            p.members.len(),
+                            z.members.len(),
+                            f.members.len()
+                        );
+                        checked += 1;
+                    }
+                }
+                tight += usize::from(bounds.bound[0] > 0.5 * smallest.min(limit));
+            }
+        }
+        assert!(checked > 5_000 && tight > 100, "{checked} checked, {tight} tight");
+    }
+}
