@@ -3,6 +3,7 @@
 use super::ids::{PlantId, TrialId};
 use super::problem::{Code, Problem};
 use crate::control::Model;
+use crate::identify::search::Shared;
 use crate::trial::Trial;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -44,6 +45,8 @@ pub struct Library {
     pub trials: BTreeMap<TrialId, Arc<StoredTrial>>,
     /// Plants by id.
     pub plants: BTreeMap<PlantId, Model>,
+    /// What analyses of the same process leave for each other.
+    pub shared: Arc<Shared>,
 }
 
 impl Library {

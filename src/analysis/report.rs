@@ -43,6 +43,17 @@ pub struct Provenance {
     pub wall_time_s: Option<f64>,
     /// Processor time of all compute threads in seconds. Not part of the hash.
     pub cpu_time_s: Option<f64>,
+    /// What a search by bounds did, which depends on which thread found what first. Not part of the hash.
+    pub effort: Option<Effort>,
+}
+
+/// What a search did to prove that its answer is the best.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct Effort {
+    /// Pairs of clusters of candidates that were bounded from below.
+    pub pairs_bounded: u64,
+    /// Candidates evaluated one by one; all others of the pool are proven worse by the bounds.
+    pub candidates_evaluated: u64,
 }
 
 /// The answer to a [`Request`](super::Request).
@@ -86,6 +97,7 @@ impl Report {
             result_sha256,
             wall_time_s: None,
             cpu_time_s: None,
+            effort: None,
         };
         Self { kind, schema, result, warnings, provenance }
     }

@@ -24,12 +24,12 @@ use super::inputs::{Library, References};
 use super::kind::{Kind, Request};
 use super::plan::Failure;
 use super::problem::{Code, Problem};
-use super::report::{Report, Warning};
+use super::report::{Effort, Report, Warning};
 use super::trial_input::{ResolvedTrial, inputs_sha256};
 use crate::control::{System, TransferFunction};
 use crate::identify::frequency::{Channels, Estimate, FrequencyError, VarianceSource, estimate_between};
 use crate::identify::refine::Refined;
-use crate::identify::search::Exhaustive;
+use crate::identify::search::Automatic;
 use crate::identify::ssid::{Identified, Settings, SsidError, Weights, identify};
 use crate::identify::validation::simulated_vaf;
 use crate::learning::frequency_domain::{ControllerMetrics, controller_metrics};
@@ -115,7 +115,8 @@ impl Plan {
             sample_time_s: written.sample_time_s.or(trials.first().map(|t| t.trial().sample_time_s)),
             max_candidates: written.max_candidates,
         };
-        let found = identify(&plant, &data, &settings, &Exhaustive, ctl).map_err(|error| match error {
+        let search = Automatic { method: written.search, shared: &library.shared };
+        let found = identify(&plant, &data, &settings, &search, ctl).map_err(|error| match error {
             SsidError::Stopped(stopped) => Failure::Stopped(stopped),
             error => Failure::Problem(problems::problem(&error)),
         })?;
@@ -165,7 +166,15 @@ impl Plan {
         }
         result.held_out = held;
         if !self.spec.structures().is_empty() {
-            let compared = structures::compare(&self.spec, &plant, &data, noise.as_ref(), settings.sample_time_s, ctl)?;
+            let compared = structures::compare(
+                &self.spec,
+                &plant,
+                &data,
+                noise.as_ref(),
+                settings.sample_time_s,
+                &library.shared,
+                ctl,
+            )?;
             let own = settings.recipe.structure();
             let degrees = [
                 own.feedforward_numerator,
@@ -176,7 +185,10 @@ impl Plan {
             structures::warn(&compared, degrees, &mut warnings);
             result.structures = Some(compared);
         }
-        Ok(Report::new(Kind::Ssid, RESULT_VERSION, json!(result), warnings, json!(written), hashes, None))
+        let mut report = Report::new(Kind::Ssid, RESULT_VERSION, json!(result), warnings, json!(written), hashes, None);
+        report.provenance.effort =
+            Some(Effort { pairs_bounded: found.optimum.bounded, candidates_evaluated: found.optimum.evaluated });
+        Ok(report)
     }
 
     fn material(&self, library: &Library, ctl: &Ctl) -> Result<Material, Failure> {

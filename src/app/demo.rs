@@ -169,7 +169,7 @@ fn request(study: StudyId, trial: TrialId, plant: Plant) -> anyhow::Result<NewAn
 /// Runs a worker until every analysis of the study is finished.
 async fn work(store: &Store, study: StudyId, threads: Option<usize>) -> anyhow::Result<Vec<AnalysisRecord>> {
     let settings = WorkerSettings { compute_threads: threads.unwrap_or(0), ..WorkerSettings::default() };
-    let worker = Worker::new(store.clone(), Arc::new(Analyses), settings)?;
+    let worker = Worker::new(store.clone(), Arc::new(Analyses::default()), settings)?;
     let stop = CancellationToken::new();
     // Dropped with this future when the person interrupts, which stops the worker too.
     let _stop_on_drop = stop.clone().drop_guard();

@@ -26,7 +26,7 @@ pub async fn serve(serve: &ServeArgs, database: &DatabaseArgs, worker: &WorkerAr
     let address = serve.checked_listen()?;
     let limits = serve.limits()?;
     let store = open(database).await?;
-    let worker = Worker::new(store.clone(), Arc::new(Analyses), worker.settings())?;
+    let worker = Worker::new(store.clone(), Arc::new(Analyses::default()), worker.settings())?;
     let listener = TcpListener::bind(address).await.with_context(|| format!("cannot listen on {address}"))?;
     let address = listener.local_addr()?;
 
@@ -67,7 +67,7 @@ pub async fn serve(serve: &ServeArgs, database: &DatabaseArgs, worker: &WorkerAr
 /// Settings that cannot be used, or a database that cannot be opened.
 pub async fn work(database: &DatabaseArgs, worker: &WorkerArgs, until_idle: bool) -> anyhow::Result<()> {
     let store = open(database).await?;
-    let worker = Worker::new(store.clone(), Arc::new(Analyses), worker.settings())?;
+    let worker = Worker::new(store.clone(), Arc::new(Analyses::default()), worker.settings())?;
     let shutdown = stop_on_signal();
     let idle = async {
         while until_idle && !shutdown.is_cancelled() {

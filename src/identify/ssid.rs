@@ -202,7 +202,7 @@ pub fn identify(
         return Err(SsidError::Underdetermined { lines: lines.used.len(), equations, unknowns });
     }
 
-    let pool = recipe.build(&plant, ctl)?;
+    let pool = search.pool(recipe, &plant, ctl)?;
     if pool.size() > settings.max_candidates {
         return Err(SsidError::Unaffordable {
             size: pool.size(),

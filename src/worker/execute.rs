@@ -1,7 +1,9 @@
 //! What a worker runs. The seam at which tests put jobs of their own.
 
 use crate::analysis::{Failure, Library, Plan, Problem, References, Report, Request};
+use crate::identify::search::Shared;
 use crate::num::Ctl;
+use std::sync::Arc;
 
 /// Turns requests into work.
 pub trait Execute: Send + Sync + 'static {
@@ -34,12 +36,30 @@ impl Work for Plan {
     }
 }
 
-/// The analyses of [`crate::analysis`].
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Analyses;
+/// The analyses of [`crate::analysis`], with what they leave for each other.
+#[derive(Debug, Clone, Default)]
+pub struct Analyses {
+    shared: Arc<Shared>,
+}
+
+/// A plan that finds what earlier ones have left.
+struct Sharing {
+    plan: Plan,
+    shared: Arc<Shared>,
+}
+
+impl Work for Sharing {
+    fn references(&self) -> References {
+        self.plan.references()
+    }
+
+    fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
+        self.plan.run(&Library { shared: Arc::clone(&self.shared), ..library.clone() }, ctl)
+    }
+}
 
 impl Execute for Analyses {
     fn plan(&self, request: &Request) -> Result<Box<dyn Work>, Problem> {
-        Ok(Box::new(Plan::parse(request)?))
+        Ok(Box::new(Sharing { plan: Plan::parse(request)?, shared: Arc::clone(&self.shared) }))
     }
 }

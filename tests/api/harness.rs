@@ -158,7 +158,7 @@ impl TestServer {
     /// Lets a worker compute until nothing is queued or running.
     pub async fn work(&self) {
         let settings = WorkerSettings { compute_threads: 1, poll_s: 0.02, ..WorkerSettings::default() };
-        let worker = Worker::new(self.store.clone(), Arc::new(Analyses), settings).unwrap();
+        let worker = Worker::new(self.store.clone(), Arc::new(Analyses::default()), settings).unwrap();
         let stop = CancellationToken::new();
         let idle = async {
             while self.count(Status::Queued).await + self.count(Status::Running).await > 0 {

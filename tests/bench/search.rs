@@ -4,14 +4,19 @@
 //! works, and prints what it measured.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
+use rand::RngExt;
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
 use volition::analysis::{Library, Plan, Request};
 use volition::api::{AppState, router};
-use volition::num::Ctl;
-use volition::plants::SimulatedStudy;
+use volition::control::System;
+use volition::identify::pool::{Degrees, PoolSpec};
+use volition::identify::problem::{Lines, Problem};
+use volition::identify::search::{BranchAndBound, Prepared, Search};
+use volition::num::{Complex64, Ctl, rng};
+use volition::plants::{SimulatedStudy, catalogue};
 use volition::store::Store;
 use volition::trial::write;
 use volition::worker::{Analyses, Worker, WorkerSettings, compute};
@@ -22,7 +27,63 @@ fn main() {
     candidates_per_second("sampled, FIR of degree 2", "zhang2015_appendix_c", 2, 2, coarse);
     candidates_per_second("sampled, FIR of degree 6", "zhang2015_appendix_c", 6, 6, coarse);
     candidates_per_second("continuous, degrees 4 and 2", "zhang2015_appendix_b", 4, 2, if smoke { 16 } else { 9 });
+    branch_and_bound(smoke);
     tokio::runtime::Runtime::new().unwrap().block_on(polling_under_load(if smoke { 100 } else { 2000 }));
+}
+
+/// Trials from early to late learning with 1 to 30 % noise, over appendix B; the complete pool but for the smoke test.
+fn branch_and_bound(smoke: bool) {
+    let ctl = Ctl::new();
+    let plant = System::Continuous(catalogue::two_mass());
+    let thin = if smoke { json!({"poles": 6, "zeros": 6, "gains": 6}) } else { json!({}) };
+    let spec: PoolSpec = serde_json::from_value(json!({"name": "zhang2015_appendix_b", "thin": thin})).unwrap();
+    let recipe = spec.check(Degrees::default()).unwrap();
+    let begin = Instant::now();
+    let pool = recipe.build(&plant, &ctl).unwrap();
+    let omega: Vec<f64> = (0..13).map(|k| std::f64::consts::TAU * (0.1 + 0.025 * f64::from(k))).collect();
+    let trials = if smoke { 4 } else { 40 };
+    let mut prepared = None;
+    let mut times = Vec::new();
+    let mut rng = rng::stream(7, "bench");
+    let mut draw = || rng.random::<f64>();
+    for trial in 0..trials {
+        let learned = f64::from(trial) / f64::from(trials - 1);
+        let noise = 0.01 * 30f64.powf(draw());
+        let (gain, zero) = (0.3 * 10f64.powf(draw()), 0.5 + 4.0 * draw());
+        let (delay, bandwidth) = (0.05 + 0.2 * draw(), 6.0 + 10.0 * draw());
+        let h: Vec<Complex64> = omega
+            .iter()
+            .map(|w| {
+                let (s, g) = (Complex64::new(0.0, *w), plant.response(*w));
+                let (late, slow) = ((-s * delay).exp(), 1.0 / (1.0 + s / bandwidth));
+                let feedback = gain * (s + zero) / zero * slow * slow * late;
+                let feedforward = learned * slow / g + (1.0 - learned) * 1.5 * slow * late;
+                let scatter = Complex64::from_polar(noise * (2.0 * draw()).sqrt(), std::f64::consts::TAU * draw());
+                g * (feedforward + feedback) / (1.0 + g * feedback) + scatter
+            })
+            .collect();
+        let problem = Problem::new(&Lines::new(&plant, &omega, &h, None), 4).unwrap();
+        let prepared = prepared.get_or_insert_with(|| {
+            let prepared = Prepared::new(&problem, &pool, &ctl).unwrap();
+            println!(
+                "appendix B by bounds            {:>12} candidates, set up in {:.1} s",
+                pool.size(),
+                begin.elapsed().as_secs_f64()
+            );
+            prepared
+        });
+        let begin = Instant::now();
+        let found = BranchAndBound { prepared }.search(&problem, &pool, &ctl).unwrap();
+        times.push(begin.elapsed().as_secs_f64());
+        println!(
+            "  learned {learned:.2}, noise {noise:.3}: {:>6.2} s, {:>5.0} million bounds, {:>4} candidates within 1 %",
+            times[times.len() - 1],
+            found.bounded as f64 / 1e6,
+            found.near_optimal
+        );
+    }
+    times.sort_by(f64::total_cmp);
+    println!("  per trial: median {:.2} s, worst {:.2} s", times[times.len() / 2], times[times.len() - 1]);
 }
 
 fn request(pool: &str, numerator: usize, denominator: usize, thin: usize) -> Request {
@@ -36,6 +97,8 @@ fn request(pool: &str, numerator: usize, denominator: usize, thin: usize) -> Req
             "feedforward_numerator_degree": numerator,
             "feedforward_denominator_degree": denominator,
             "frequency": {"lines": "zhang2015_chapter_5"},
+            "search": "exhaustive",
+            "refine": false,
             "max_candidates": 1_000_000_000_000_u64
         }),
     }
@@ -59,7 +122,7 @@ async fn polling_under_load(polls: usize) {
     let store = Store::open(Some(&folder.path().join("bench.db"))).await.unwrap();
     let shutdown = CancellationToken::new();
     let settings = WorkerSettings { concurrency: 2, drain_s: 0.0, ..WorkerSettings::default() };
-    let worker = Worker::new(store.clone(), Arc::new(Analyses), settings).unwrap();
+    let worker = Worker::new(store.clone(), Arc::new(Analyses::default()), settings).unwrap();
     let stop = shutdown.clone();
     let working = tokio::spawn(async move { worker.run(stop).await });
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();

@@ -22,6 +22,7 @@ async fn reports(server: &Server, study: &str, trials: &[String]) -> BTreeMap<us
         assert!(provenance.remove("wall_time_s").unwrap().is_number());
         assert!(provenance.contains_key("result_sha256"));
         provenance.remove("cpu_time_s").unwrap();
+        provenance.remove("effort").unwrap();
         // Lists leave the request out.
         let whole = server.get(&format!("/v1/analyses/{}", id(&analysis))).await;
         let trial = whole["request"]["inputs"]["trial"].as_str().unwrap();

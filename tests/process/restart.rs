@@ -39,7 +39,7 @@ async fn an_interrupted_server_hands_its_work_back() {
     let (study, trials) = server.simulated_study(1).await;
     // Minutes of work, so that the interrupt surely meets it.
     let spec = json!({
-        "pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 2, "zeros": 2, "gains": 2}},
+        "pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 2, "zeros": 2, "gains": 2}}, "search": "exhaustive",
         "feedforward_numerator_degree": 2, "feedforward_denominator_degree": 2, "max_candidates": 100_000_000_000_u64
     });
     let request = json!({"kind": "ssid", "inputs": {"trial": trials[0]}, "spec": spec});
@@ -69,7 +69,7 @@ async fn a_cancelled_analysis_stops_while_it_runs() {
     let server = Server::start(&database, &["--no-worker"]);
     let (study, trials) = server.simulated_study(1).await;
     let spec = json!({
-        "pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 2, "zeros": 2, "gains": 2}},
+        "pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 2, "zeros": 2, "gains": 2}}, "search": "exhaustive",
         "feedforward_numerator_degree": 2, "feedforward_denominator_degree": 2, "max_candidates": 100_000_000_000_u64
     });
     let request = json!({"kind": "ssid", "inputs": {"trial": trials[0]}, "spec": spec});

@@ -4,7 +4,7 @@ use super::refined::RefinedResult;
 use super::structures::StructureComparison;
 use crate::control::Model;
 use crate::identify::identifiability::Identifiability;
-use crate::identify::search::NEAR;
+use crate::identify::search::{Method, NEAR};
 use crate::identify::ssid::Identified;
 use crate::learning::frequency_domain::ControllerMetrics;
 use serde::{Deserialize, Serialize};
@@ -15,8 +15,8 @@ use utoipa::ToSchema;
 pub struct Certificate {
     /// True: no candidate of the pool has a smaller cost, and none with the same cost a lower index.
     pub exact: bool,
-    /// How it was found: `exhaustive`.
-    pub method: String,
+    /// How it was found.
+    pub method: Method,
     /// Candidates in the pool, M = M_ff · M_fb.
     pub pool_size: u64,
     /// M_ff, the stable feedforward denominators.
@@ -25,8 +25,6 @@ pub struct Certificate {
     pub feedback_controllers: u64,
     /// Index of the best candidate, from 0: feedback controller times M_ff plus feedforward denominator.
     pub index: u64,
-    /// Candidates evaluated one by one.
-    pub evaluated: u64,
     /// Candidates that rounding could not tell from the best one, and that QR decided.
     pub decided_by_qr: u64,
     /// J once more, from the coefficients of the transfer functions as written here.
@@ -170,12 +168,11 @@ impl SsidResult {
             cost: found.optimum.cost,
             certificate: Certificate {
                 exact: true,
-                method: "exhaustive".to_owned(),
+                method: found.optimum.method,
                 pool_size: found.pool_size,
                 feedforward_denominators: found.feedforward_denominators,
                 feedback_controllers: found.feedback_controllers,
                 index: found.optimum.index,
-                evaluated: found.optimum.evaluated,
                 decided_by_qr: found.optimum.decided_by_qr,
                 cost_of_coefficients: found.cost_of_coefficients,
             },

@@ -8,13 +8,14 @@ use crate::analysis::problem::{Code, Problem};
 use crate::identify::frequency::{CheckedSettings, FrequencySettings};
 use crate::identify::pool::{Degrees, PoolName, PoolSpec, PoolSpecError, Recipe};
 use crate::identify::refine::Delays;
+use crate::identify::search::Method;
 use crate::identify::ssid::Weights;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use utoipa::ToSchema;
 
 /// Candidates searched where the spec does not say otherwise.
-const MAX_CANDIDATES: u64 = 2_000_000_000;
+const MAX_CANDIDATES: [u64; 2] = [1_000_000_000_000, 2_000_000_000];
 
 /// The spec.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -35,7 +36,9 @@ pub struct SsidSpec {
     pub frequency: Option<FrequencySettings>,
     /// How lines are weighted. Default: uniform.
     pub weights: Weights,
-    /// Larger pools are refused. Default: 2e9.
+    /// How the best candidate is found; all ways give the same answer. Default: `branch_and_bound`.
+    pub search: Method,
+    /// Larger pools are refused. Default: 1e12, or 2e9 candidate by candidate.
     pub max_candidates: u64,
     /// The sample time of sampled controllers on a continuous plant. Default: that of the trial.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -68,6 +71,7 @@ struct Written {
     feedback_denominator_degree: Option<usize>,
     frequency: Option<Map<String, Value>>,
     weights: Option<Weights>,
+    search: Option<Method>,
     max_candidates: Option<u64>,
     sample_time_s: Option<f64>,
     band_hz: Option<[f64; 2]>,
@@ -151,7 +155,10 @@ impl CheckedSpec {
                 Some(frequency_problem::parse_settings(members, "/spec/frequency")?)
             }
         };
-        let max_candidates = written.max_candidates.unwrap_or(MAX_CANDIDATES);
+        let search = written.search.unwrap_or_default();
+        let [by_bounds, one_by_one] = MAX_CANDIDATES;
+        let most = if search == Method::Exhaustive { one_by_one } else { by_bounds };
+        let max_candidates = written.max_candidates.unwrap_or(most);
         if max_candidates == 0 {
             return Err(wrong("at least one candidate must be allowed", "/spec/max_candidates"));
         }
@@ -207,6 +214,7 @@ impl CheckedSpec {
             feedback_denominator_degree: structure.feedback_denominator,
             frequency: frequency.as_ref().map(|f| f.settings().clone()),
             weights: written.weights.unwrap_or_default(),
+            search,
             max_candidates,
             sample_time_s: written.sample_time_s,
             band_hz,

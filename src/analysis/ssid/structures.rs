@@ -7,7 +7,7 @@ use crate::analysis::report::Warning;
 use crate::control::System;
 use crate::identify::frequency::FrequencyData;
 use crate::identify::refine::{Criteria, RefineError, Refinement, Setup, Start};
-use crate::identify::search::Exhaustive;
+use crate::identify::search::{Automatic, Shared};
 use crate::identify::ssid::{Settings, SsidError, Weights, identify};
 use crate::num::Ctl;
 use serde::{Deserialize, Serialize};
@@ -82,6 +82,7 @@ pub(super) fn compare(
     data: &FrequencyData,
     noise: Option<&KnownNoise>,
     sample_time_s: Option<f64>,
+    shared: &Shared,
     ctl: &Ctl,
 ) -> Result<StructureComparison, Failure> {
     let noise = noise.filter(|n| n.degrees_of_freedom >= MANY_DEGREES && data.variance.is_some());
@@ -101,7 +102,8 @@ pub(super) fn compare(
             max_candidates: spec.written().max_candidates,
         };
         let mut row = StructureRow { degrees, pool_cost: None, criteria: None, reason: None };
-        match identify(plant, data, &settings, &Exhaustive, ctl) {
+        let search = Automatic { method: spec.written().search, shared };
+        match identify(plant, data, &settings, &search, ctl) {
             Err(SsidError::Stopped(stopped)) => return Err(Failure::Stopped(stopped)),
             Err(error) => row.reason = Some(error.to_string()),
             Ok(found) => {

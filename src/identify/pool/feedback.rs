@@ -49,6 +49,8 @@ pub struct Row<'a> {
     pub denominator: usize,
     /// Position of the numerator; `None` for zero feedback.
     pub numerator: Option<usize>,
+    /// What turns a listed gain into the factor in front of the numerator.
+    pub unit: f64,
     /// The factors in front of the numerator; a single 0 for zero feedback.
     pub gains: &'a [f64],
     /// Their positions in the list of gains; empty for zero feedback.
@@ -79,6 +81,8 @@ impl Row<'_> {
 pub struct FeedbackTable {
     lists: FeedbackLists,
     plant: MappedPlant,
+    /// The plant's numerator times each feedback numerator: what a gain multiplies in the closed-loop polynomial.
+    steps: Vec<Vec<f64>>,
     /// Rows (denominator, zero or numerator) per block.
     rows_per_block: usize,
     /// Number of controllers before each block, and in all.
@@ -113,7 +117,8 @@ impl FeedbackTable {
     /// # Errors
     /// [`Stopped`] when `ctl` says so.
     pub(super) fn new(lists: FeedbackLists, plant: MappedPlant, ctl: &Ctl) -> Result<Self, Stopped> {
-        let mut table = Self { lists, plant, rows_per_block: 1, before: vec![0] };
+        let steps = lists.numerators.iter().map(|n| multiply(&plant.numerator, &n.mapped)).collect();
+        let mut table = Self { lists, plant, steps, rows_per_block: 1, before: vec![0] };
         let rows = table.rows();
         table.rows_per_block = rows.div_ceil(BLOCKS).max(1);
         let blocks = rows.div_ceil(table.rows_per_block);
@@ -312,13 +317,13 @@ impl FeedbackTable {
             }
             if self.lists.zero && slot == 0 {
                 if routh::stable(&base[self.plant.padding..]) {
-                    visit(Row { denominator, numerator: None, gains: &[0.0], positions: &[] })?;
+                    visit(Row { denominator, numerator: None, unit: 1.0, gains: &[0.0], positions: &[] })?;
                 }
                 continue;
             }
             let numerator = slot - usize::from(self.lists.zero);
             let Some(unit) = self.unit(denominator, numerator) else { continue };
-            let step = multiply(&self.plant.numerator, &self.lists.numerators[numerator].mapped);
+            let step = &self.steps[numerator];
             scaled.iter_mut().zip(&self.lists.gains).for_each(|(scaled, gain)| *scaled = gain * unit);
             gains.clear();
             positions.clear();
@@ -327,7 +332,7 @@ impl FeedbackTable {
                 positions.push(i);
             });
             if !gains.is_empty() {
-                visit(Row { denominator, numerator: Some(numerator), gains: &gains, positions: &positions })?;
+                visit(Row { denominator, numerator: Some(numerator), unit, gains: &gains, positions: &positions })?;
             }
             tests += self.lists.gains.len();
             if tests > TESTS_PER_CHECK {

@@ -40,12 +40,49 @@ pub(super) fn stable_gains(base: &[f64], step: &[f64], gains: &[f64], visit: imp
         2 => with!(2),
         3 => with!(3),
         4 => with!(4),
-        5 => with!(5),
+        5 => arch.dispatch(
+            #[inline(always)]
+            || quartic(base, step, gains, visit),
+        ),
         6 => with!(6),
         7 => with!(7),
         8 => with!(8),
         9 => with!(9),
         length => tested::<{ LARGEST_DEGREE + 1 }>(length, base, step, gains, visit),
+    }
+}
+
+/// [`stable_gains`] of polynomials of degree four, two second-order systems in a loop: the same conditions, multiplied out so that
+/// no entry is divided by.
+#[inline(always)]
+fn quartic(base: &[f64], step: &[f64], gains: &[f64], mut visit: impl FnMut(usize)) {
+    for (chunk, listed) in gains.chunks(LANES).enumerate() {
+        let mut gain = [0.0; LANES];
+        gain[..listed.len()].copy_from_slice(listed);
+        let mut least = [f64::INFINITY; LANES];
+        for lane in 0..LANES {
+            let g = gain[lane];
+            let sign = if base[0] + g * step[0] < 0.0 { -1.0 } else { 1.0 };
+            let c: [f64; 5] = std::array::from_fn(|i| sign * (base[i] + g * step[i]));
+            let limit: [f64; 5] = std::array::from_fn(|i| POSITIVE * (base[i].abs() + (g * step[i]).abs()));
+            // The entries are c0, c1, d/c1, (c3 d − c1² c4)/d and c4.
+            let d = c[1] * c[2] - c[0] * c[3];
+            let above = [
+                c[0] - limit[0],
+                c[1] - limit[1],
+                d - limit[2] * c[1],
+                c[3] * d - c[1] * c[1] * c[4] - limit[3] * d,
+                c[4] - limit[4],
+            ];
+            for value in above {
+                least[lane] = if value < least[lane] { value } else { least[lane] };
+            }
+        }
+        for (lane, least) in least.iter().enumerate().take(listed.len()) {
+            if *least > 0.0 {
+                visit(chunk * LANES + lane);
+            }
+        }
     }
 }
 

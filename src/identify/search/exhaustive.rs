@@ -1,7 +1,7 @@
 //! The plain search: every candidate is evaluated.
 
 use super::block::{Batch, Evaluator};
-use super::{NEAR, Optimum, Search, exact};
+use super::{Method, NEAR, Optimum, Search, exact};
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
 use crate::num::{Ctl, Stopped};
@@ -79,6 +79,7 @@ impl Search for Exhaustive {
         Ok(Optimum {
             index,
             cost,
+            method: Method::Exhaustive,
             evaluated: pool.size(),
             bounded: 0,
             decided_by_qr: decided.into_inner(),

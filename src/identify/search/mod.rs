@@ -1,15 +1,19 @@
 //! The search for the best candidate of a pool.
 
+mod automatic;
 mod block;
 pub mod exact;
 mod exhaustive;
 mod kernel;
 pub mod tree;
 
-use super::pool::Pool;
+use super::pool::{Pool, PoolError, Recipe};
 use super::problem::Problem;
+use crate::control::System;
 use crate::num::{Ctl, Stopped};
+pub use automatic::{Automatic, Method, Shared};
 pub use exhaustive::Exhaustive;
+use std::sync::Arc;
 pub use tree::{BranchAndBound, Prepared};
 
 /// Candidates whose cost is within this share of the best one's are counted.
@@ -20,6 +24,14 @@ pub const NEAR: f64 = 0.01;
 ///
 /// Runs on the rayon pool that it is called in, and gives the same answer for any number of threads.
 pub trait Search {
+    /// Makes the pool on a plant. A search that keeps pools for the trials of a study gives the kept one.
+    ///
+    /// # Errors
+    /// [`PoolError`].
+    fn pool(&self, recipe: &Recipe, plant: &System, ctl: &Ctl) -> Result<Arc<Pool>, PoolError> {
+        recipe.build(plant, ctl).map(Arc::new)
+    }
+
     /// Finds the best candidate.
     ///
     /// Progress is in candidates.
@@ -36,9 +48,13 @@ pub struct Optimum {
     pub index: u64,
     /// Its cost, by [`exact::fit`].
     pub cost: f64,
-    /// How many candidates were evaluated one by one (by their own least-squares problem).
+    /// How it was found.
+    pub method: Method,
+    /// How many candidates were evaluated one by one (by their own least-squares problem). With bounds this depends on which
+    /// thread found what first; the other members do not.
     pub evaluated: u64,
-    /// How many pairs of clusters were bounded from below; 0 for a search without bounds. What was not evaluated is proven worse by these.
+    /// How many pairs of clusters were bounded from below; 0 for a search without bounds. What was not evaluated is proven
+    /// worse by these. Depends on the threads too.
     pub bounded: u64,
     /// How many of these could not be told from the best one by the fast evaluation and were decided by QR.
     pub decided_by_qr: u64,

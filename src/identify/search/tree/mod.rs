@@ -6,7 +6,7 @@ mod prepared;
 mod ranges;
 mod walk;
 
-use super::{NEAR, Optimum, Search, exact};
+use super::{Method, NEAR, Optimum, Search, exact};
 use crate::identify::pool::{Pool, Position};
 use crate::identify::problem::Problem;
 use crate::num::{Ctl, Stopped};
@@ -14,6 +14,12 @@ pub use prepared::Prepared;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use walk::{Found, Own, Walk};
+
+/// Whether the numerator of this problem is of a degree that the kernel takes.
+#[must_use]
+pub fn can_search(problem: &Problem) -> bool {
+    problem.basis().even().len().max(problem.basis().odd().len()) <= kernel::LARGEST_HALF
+}
 
 /// Branch and bound over a pool whose trees have been [`Prepared`].
 #[derive(Debug)]
@@ -103,7 +109,15 @@ fn decide(
             if surely || exact_cost(f) <= near { copies } else { 0 }
         })
         .sum();
-    Ok(Optimum { index, cost, evaluated, bounded, decided_by_qr: decided.into_inner(), near_optimal })
+    Ok(Optimum {
+        index,
+        cost,
+        method: Method::BranchAndBound,
+        evaluated,
+        bounded,
+        decided_by_qr: decided.into_inner(),
+        near_optimal,
+    })
 }
 
 #[cfg(test)]

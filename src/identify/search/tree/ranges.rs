@@ -115,8 +115,8 @@ impl Ranges {
                     table.walk_denominator(denominator, ctl, |row| {
                         let Some(numerator) = row.numerator else { return Ok(()) };
                         let scale = scales[0][denominator] * scales[1][numerator];
-                        if let (true, Some(first)) = (keep, row.positions().first()) {
-                            let unit = row.gains[0] / table.gains()[*first];
+                        if keep {
+                            let unit = row.unit;
                             let stable = row.positions().iter().fold(0, |bits, p| bits | 1_u128 << p);
                             kept.push((
                                 denominator * width + numerator,
