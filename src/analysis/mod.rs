@@ -16,9 +16,10 @@ pub mod ssid;
 pub mod trial_input;
 pub mod trial_problem;
 
+pub use crate::identify::search::Shared;
 pub use inputs::{Library, References, StoredTrial};
 pub use kind::{Kind, Request};
 pub use plan::{Failure, Plan};
 pub use problem::{Code, Problem};
-pub use report::{Provenance, Report, Warning};
+pub use report::{Effort, Provenance, Report, Warning};
 pub use trial_input::{PlantNeed, ResolvedTrial, TrialInputs};

@@ -1,7 +1,6 @@
 //! What a worker runs. The seam at which tests put jobs of their own.
 
-use crate::analysis::{Failure, Library, Plan, Problem, References, Report, Request};
-use crate::identify::search::Shared;
+use crate::analysis::{Failure, Library, Plan, Problem, References, Report, Request, Shared};
 use crate::num::Ctl;
 use std::sync::Arc;
 
