@@ -48,15 +48,16 @@ fn shifted(p: &[f64], margin: f64) -> Vec<f64> {
 fn square_on_axis(p: &[f64]) -> Polynomial {
     // p(jω) p(−jω): the even part of p(s) p(−s) with s² = −ω².
     let n = p.len() - 1;
-    let mirrored: Vec<f64> = p.iter().enumerate().map(|(i, c)| if (n - i) % 2 == 0 { *c } else { -c }).collect();
+    let mirrored: Vec<f64> =
+        p.iter().enumerate().map(|(i, c)| if (n - i).is_multiple_of(2) { *c } else { -c }).collect();
     let product = Polynomial::new(p.to_vec()).mul(&Polynomial::new(mirrored));
     let coefficients = product.coefficients();
     let degree = coefficients.len() - 1;
     let even: Vec<f64> = coefficients
         .iter()
         .enumerate()
-        .filter(|(i, _)| (degree - i) % 2 == 0)
-        .map(|(i, c)| if ((degree - i) / 2) % 2 == 0 { *c } else { -c })
+        .filter(|(i, _)| (degree - i).is_multiple_of(2))
+        .map(|(i, c)| if ((degree - i) / 2).is_multiple_of(2) { *c } else { -c })
         .collect();
     Polynomial::new(even)
 }

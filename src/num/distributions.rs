@@ -64,7 +64,7 @@ pub fn beta_i(a: f64, b: f64, x: f64) -> f64 {
     let lead = (ln_gamma(a + b) - ln_gamma(a) - ln_gamma(b) + a * x.ln() + b * (-x).ln_1p()).exp();
     let fraction = lentz(1.0, |i| {
         let m = (i / 2.0).floor();
-        let numerator = if i as u64 % 2 == 0 {
+        let numerator = if (i as u64).is_multiple_of(2) {
             m * (b - m) * x / ((a + i - 1.0) * (a + i))
         } else {
             -(a + m) * (a + b + m) * x / ((a + i - 1.0) * (a + i))

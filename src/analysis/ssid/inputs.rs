@@ -66,11 +66,11 @@ impl FrequencyResponseInput {
                 ));
             }
         }
-        if let Some(averages) = self.averages {
-            if self.variance.is_none() || averages < 2 {
-                let detail = format!("variances of {averages} segments, with no variance or too few segments for one");
-                return Err(wrong(detail, "averages"));
-            }
+        if let Some(averages) = self.averages
+            && (self.variance.is_none() || averages < 2)
+        {
+            let detail = format!("variances of {averages} segments, with no variance or too few segments for one");
+            return Err(wrong(detail, "averages"));
         }
         if let Some(variance) = &self.variance {
             if variance.len() != lines {

@@ -4,6 +4,9 @@ use crate::num::StopReason;
 type Residuals = Box<dyn Fn(&[f64]) -> Vec<f64>>;
 type Jacobian = Box<dyn Fn(&[f64]) -> Vec<Vec<f64>>>;
 
+/// A value and its gradient.
+type Inequality = (fn(&[f64]) -> f64, fn(&[f64]) -> Vec<f64>);
+
 /// A problem made of closures.
 struct Case {
     n: usize,
@@ -11,7 +14,7 @@ struct Case {
     residuals: Residuals,
     jacobian: Jacobian,
     bounds: Vec<[f64; 2]>,
-    inequality: Option<(fn(&[f64]) -> f64, fn(&[f64]) -> Vec<f64>)>,
+    inequality: Option<Inequality>,
     feasible: fn(&[f64]) -> bool,
 }
 

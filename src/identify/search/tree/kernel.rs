@@ -41,6 +41,11 @@ pub(super) const LARGEST_HALF: usize = 8;
 const LARGEST_DEVIATION: f64 = 2.0;
 const UNKNOWN: f64 = 1e60;
 
+/// Whether something with this lower bound may cost as little as the limit; a bound that is not a number says nothing.
+pub(super) fn may_reach(bound: f64, limit: f64) -> bool {
+    bound <= limit || bound.is_nan()
+}
+
 /// What a trial and its lines give.
 #[derive(Debug)]
 pub(super) struct Lines {

@@ -78,7 +78,7 @@ fn decide(
         exact::cost(problem, &pool.candidate(position))
     };
     let decided = AtomicU64::new(0);
-    let close: Vec<Found> = found.iter().filter(|f| !(f.bound > best)).copied().collect();
+    let close: Vec<Found> = found.iter().filter(|f| kernel::may_reach(f.bound, best)).copied().collect();
     let costs = close
         .par_iter()
         .map(|f| {
@@ -96,7 +96,7 @@ fn decide(
         .min()
         .unwrap_or(0);
     let near = (1.0 + NEAR) * cost;
-    found.retain(|f| !(f.bound > near));
+    found.retain(|f| kernel::may_reach(f.bound, near));
     let near_optimal = found
         .par_iter()
         .map(|f| {
@@ -213,7 +213,7 @@ mod tests {
                         let cost = exact::cost(&problem, &pool.candidate(position));
                         smallest = smallest.min(cost);
                         assert!(
-                            !(bounds.bound[0] > cost),
+                            kernel::may_reach(bounds.bound[0], cost),
                             "sampled {sampled}: bound {} above the cost {cost} of {position:?}, half {half}, \
                              {} denominators, {} numerators, {} feedforward",
                             bounds.bound[0],

@@ -270,10 +270,9 @@ impl<'a> Walk<'a> {
                 own.counts.bounded += parts.len() as u64;
                 let mut alive = [false; LANES];
                 let (mut feedback_loss, mut feedforward_loss) = (0.0, 0.0);
-                for lane in 0..parts.len() {
-                    // Written so that NaN stays alive.
-                    alive[lane] = !(bounds.bound[lane] > limit);
-                    if alive[lane] {
+                for (lane, alive) in alive.iter_mut().enumerate().take(parts.len()) {
+                    *alive = kernel::may_reach(bounds.bound[lane], limit);
+                    if *alive {
                         feedback_loss += bounds.feedback_loss[lane];
                         feedforward_loss += bounds.feedforward_loss[lane];
                     }
@@ -392,7 +391,7 @@ impl<'a> Walk<'a> {
             own.counts.evaluated += if single { members.len() as u64 } else { 0 };
             let mut alive = false;
             for (lane, feedback) in members.iter().enumerate() {
-                if bounds.bound[lane] > limit {
+                if !kernel::may_reach(bounds.bound[lane], limit) {
                     continue;
                 }
                 alive = true;
@@ -414,7 +413,7 @@ impl<'a> Walk<'a> {
         own.work = work;
         if own.found.len() > own.room {
             let limit = self.limit();
-            own.found.retain(|found| !(found.bound > limit));
+            own.found.retain(|found| kernel::may_reach(found.bound, limit));
             own.room = (2 * own.found.len()).max(KEPT);
             self.ctl.check()?;
         }
