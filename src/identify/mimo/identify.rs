@@ -280,7 +280,11 @@ fn check_outputs(list: &'static str, given: &[usize], outputs: usize) -> Result<
     Ok(())
 }
 
-fn check_sizes(plant: &Plant, data: &MatrixFrequencyData, settings: &Settings) -> Result<(), MimoError> {
+/// Checks what needs no computation: outputs, sizes, the delay in the loop and the size of the pool.
+///
+/// # Errors
+/// [`MimoError`].
+pub fn check(plant: &Plant, data: &MatrixFrequencyData, settings: &Settings) -> Result<(), MimoError> {
     let (system, pool) = (&plant.system, &settings.pool);
     let (controls, outputs, states) = (system.inputs(), system.outputs(), system.states());
     if controls > MOST_CONTROLS || states > MOST_STATES {
@@ -313,6 +317,10 @@ fn check_sizes(plant: &Plant, data: &MatrixFrequencyData, settings: &Settings) -
         };
         return Err(MimoError::NotStrictlyProper { row, numerator, denominator, why });
     }
+    let listed = pool.listed();
+    if listed > u128::from(settings.max_candidates) {
+        return Err(MimoError::Unaffordable { listed, limit: settings.max_candidates });
+    }
     Ok(())
 }
 
@@ -342,12 +350,9 @@ pub fn identify(
     ctl: &Ctl,
 ) -> Result<Identified, MimoError> {
     let pool = &settings.pool;
-    check_sizes(plant, data, settings)?;
+    check(plant, data, settings)?;
     let weights = weights(settings.weights, data)?;
     let listed = pool.listed();
-    if listed > u128::from(settings.max_candidates) {
-        return Err(MimoError::Unaffordable { listed, limit: settings.max_candidates });
-    }
     let lines = Lines::new(&plant.system, &plant.measured, &plant.fed_back, data, weights.as_deref());
     if lines.used.is_empty() {
         return Err(MimoError::NoLine { lines: data.h.len(), dropped: lines.dropped });

@@ -99,7 +99,10 @@ impl Lines {
                 let scale = Complex64::new(weight.sqrt(), 0.0);
                 let (root, weighted) = (root * scale, h * scale);
                 let target = q.adjoint() * &weighted;
-                lines.unreachable += (weighted - q * &target).iter().map(|v| v.norm_sqr()).sum::<f64>();
+                // With as many controls as outputs every response is reached.
+                if gy.nrows() > gy.ncols() {
+                    lines.unreachable += (weighted - q * &target).iter().map(|v| v.norm_sqr()).sum::<f64>();
+                }
                 lines.used.push(Line {
                     omega_rad_s: *omega,
                     z: point(*omega),

@@ -20,7 +20,7 @@ mod stability;
 
 pub use diagnose::{identifiability, jacobian_columns};
 pub use exact::{Fit, Problem};
-pub use identify::{Identified, MimoError, Plant, Settings, identify};
+pub use identify::{Identified, MimoError, Plant, Settings, check, identify};
 pub use lines::{Line, Lines, MatrixFrequencyData};
 pub use pool::{AxisMatrix, Coefficient, Entry, FeedbackPool, MOST_CONTROLS, MOST_FED_BACK, Row};
 pub use search::{MOST_NEAR, Optimum, search};
