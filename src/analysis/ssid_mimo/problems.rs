@@ -44,6 +44,9 @@ pub(super) fn problem(error: &MimoError) -> Problem {
             .at("/inputs/plant")
             .mend("Measure as many outputs as there are controls, or merge controls."),
         MimoError::TooLarge { .. } => new(Code::Unaffordable, "plant too large").at("/inputs/plant"),
+        MimoError::TooManyDerivatives { .. } => new(Code::Unaffordable, "problem too large")
+            .at("/inputs/frequency_response")
+            .mend("Use fewer lines, or lower feedforward_order."),
         MimoError::NotStrictlyProper { .. } => new(Code::Invalid, "loop without delay")
             .at("/spec/pool/matrix_grid")
             .mend("Lower the degree of the feedback's numerator, or give it a denominator."),

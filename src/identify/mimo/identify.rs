@@ -44,6 +44,9 @@ pub struct Settings {
 /// The largest plant: determinants of degree n lose their digits as n grows.
 pub const MOST_STATES: usize = 40;
 
+/// Entries of the matrix of derivatives, of which singular values are taken.
+pub const MOST_DERIVATIVES: usize = 4_000_000;
+
 /// Why nothing was identified.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MimoError {
@@ -141,6 +144,23 @@ pub enum MimoError {
         listed: u128,
         /// The limit.
         limit: u64,
+    },
+    /// More data and coefficients than their diagnosis can hold.
+    #[error(
+        "{lines} lines of {measured}x{fed_back} responses and {unknowns} unknown coefficients make a matrix of derivatives with \
+         {entries} entries; at most {MOST_DERIVATIVES} are taken"
+    )]
+    TooManyDerivatives {
+        /// Lines given.
+        lines: usize,
+        /// Rows of the response.
+        measured: usize,
+        /// Columns of the response.
+        fed_back: usize,
+        /// Unknown coefficients.
+        unknowns: usize,
+        /// Entries of the matrix of derivatives.
+        entries: usize,
     },
     /// Weights by variance without variances.
     #[error("the data have no variance, which the weights need")]
@@ -317,11 +337,22 @@ pub fn check(plant: &Plant, data: &MatrixFrequencyData, settings: &Settings) -> 
         };
         return Err(MimoError::NotStrictlyProper { row, numerator, denominator, why });
     }
+    let (lines, unknowns) = (data.h.len(), unknowns(settings));
+    let entries = 2 * lines * measured * fed_back * unknowns;
+    if entries > MOST_DERIVATIVES {
+        return Err(MimoError::TooManyDerivatives { lines, measured, fed_back, unknowns, entries });
+    }
     let listed = pool.listed();
     if listed > u128::from(settings.max_candidates) {
         return Err(MimoError::Unaffordable { listed, limit: settings.max_candidates });
     }
     Ok(())
+}
+
+/// Coefficients of the feedforward and of the feedback.
+fn unknowns(settings: &Settings) -> usize {
+    let pool = &settings.pool;
+    pool.controls() * pool.fed_back() * (settings.feedforward_order + 1) + pool.unknowns()
 }
 
 fn weights(weights: Weights, data: &MatrixFrequencyData) -> Result<Option<Vec<f64>>, MimoError> {
@@ -361,7 +392,7 @@ pub fn identify(
     let order = settings.feedforward_order;
     let problem = Problem::new(lines, order, time)?;
     let lines = &problem.lines;
-    let unknowns = pool.controls() * pool.fed_back() * (order + 1) + pool.unknowns();
+    let unknowns = unknowns(settings);
     let equations = lines.equations();
     if equations < unknowns {
         return Err(MimoError::Underdetermined { lines: lines.used.len(), equations, unknowns });

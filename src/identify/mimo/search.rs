@@ -105,8 +105,7 @@ pub fn search(problem: &Problem, pool: &FeedbackPool, tester: &Tester, ctl: &Ctl
         let found: Vec<Found> = items
             .par_iter()
             .map(|item| {
-                ctl.check()?;
-                let found = screen(problem, pool, tester, item, bound);
+                let found = screen(problem, pool, tester, item, bound, ctl)?;
                 ctl.advance(item.to - item.from);
                 Ok(found)
             })
@@ -169,10 +168,11 @@ fn decide(
         let fits: Vec<Option<(Vec<Vec<f64>>, Fit)>> = batch
             .par_iter()
             .map(|o| {
+                ctl.check()?;
                 let coefficients = pool.candidate(o.listed_index);
-                problem.fit(pool, &coefficients).map(|fit| (coefficients, fit))
+                Ok(problem.fit(pool, &coefficients).map(|fit| (coefficients, fit)))
             })
-            .collect();
+            .collect::<Result<_, Stopped>>()?;
         for (o, fit) in batch.into_iter().zip(fits) {
             let Some((coefficients, fit)) = fit else { continue };
             // In the order of indices, so that the first of equals stays.
@@ -185,9 +185,17 @@ fn decide(
 }
 
 /// Screens one item; candidates that cannot be near the best of the item, or near `bound`, are left out.
-fn screen(problem: &Problem, pool: &FeedbackPool, tester: &Tester, item: &Item, bound: f64) -> Found {
+fn screen(
+    problem: &Problem,
+    pool: &FeedbackPool,
+    tester: &Tester,
+    item: &Item,
+    bound: f64,
+    ctl: &Ctl,
+) -> Result<Found, Stopped> {
+    ctl.check()?;
     let rows = pool.rows();
-    let Some((last, upper_rows)) = rows.split_last() else { return Found::default() };
+    let Some((last, upper_rows)) = rows.split_last() else { return Ok(Found::default()) };
     let mut upper = Vec::with_capacity(upper_rows.len());
     let mut rest = item.upper;
     for row in upper_rows.iter().rev() {
@@ -207,7 +215,7 @@ fn screen(problem: &Problem, pool: &FeedbackPool, tester: &Tester, item: &Item, 
     }
     let mut found = Found { stable: stable.len() as u64, open: Vec::with_capacity(stable.len()) };
     if stable.is_empty() {
-        return found;
+        return Ok(found);
     }
     let first = item.upper * last.count() as u64;
     let opened = |rank: usize, cost: f64, error: f64| Open {
@@ -219,13 +227,14 @@ fn screen(problem: &Problem, pool: &FeedbackPool, tester: &Tester, item: &Item, 
     let Some(fixed) = Fixed::new(problem, pool, &upper) else {
         // Nothing is known of these but that they are stable.
         found.open = (0..stable.len()).map(|rank| opened(rank, f64::INFINITY, f64::INFINITY)).collect();
-        return found;
+        return Ok(found);
     };
     let mut costs: Vec<(f64, f64)> = Vec::with_capacity(stable.len() + LANES);
     pulp::Arch::new().dispatch(|| {
         let mut scratch = fixed.scratch();
         let mut lanes = vec![[0.0; LANES]; last.coefficients.len()];
         for batch in stable.chunks(LANES) {
+            ctl.check()?;
             for n in 0..LANES {
                 // The last batch is filled up with its own last candidate.
                 let (_, coefficients) = &batch[n.min(batch.len() - 1)];
@@ -234,7 +243,8 @@ fn screen(problem: &Problem, pool: &FeedbackPool, tester: &Tester, item: &Item, 
             let screened = fixed.screen(&lanes, &mut scratch);
             costs.extend((0..batch.len()).map(|n| (screened.cost[n], screened.error[n])));
         }
-    });
+        Ok::<(), Stopped>(())
+    })?;
     let least = costs.iter().map(|(cost, error)| cost + error).fold(bound, f64::min);
     let limit = (1.0 + NEAR) * least.max(0.0);
     found.open = costs
@@ -243,5 +253,5 @@ fn screen(problem: &Problem, pool: &FeedbackPool, tester: &Tester, item: &Item, 
         .map(|(rank, (cost, error))| opened(rank, *cost, *error))
         .filter(|o| o.lower() <= limit)
         .collect();
-    found
+    Ok(found)
 }
