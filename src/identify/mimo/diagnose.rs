@@ -12,17 +12,23 @@ use crate::num::linalg;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
+/// Derivatives of the modelled response as real columns over lines and entries.
+#[derive(Debug, Clone, PartialEq)]
+struct Derivatives {
+    feedforward: Vec<Vec<f64>>,
+    feedback: Vec<Vec<f64>>,
+}
+
 /// The derivatives of the modelled response, by the coefficients of the feedforward (control, command and power of 1/z, in this order)
-/// and by those coefficients of the feedback that the pool leaves open, as real columns over lines and entries. `None`
-/// where the loop is singular at a line.
-#[must_use]
-pub fn jacobian_columns(
+/// and by those coefficients of the feedback that the pool leaves open,. `None` where the loop is
+/// singular at a line.
+fn derivatives(
     lines: &Lines,
     pool: &FeedbackPool,
     feedback: &LeftFraction<Discrete>,
     feedforward: &PolynomialMatrix,
     order: usize,
-) -> Option<(Vec<Vec<f64>>, Vec<Vec<f64>>)> {
+) -> Option<Derivatives> {
     let (m, l) = (pool.controls(), pool.fed_back());
     let open: Vec<_> = pool
         .rows()
@@ -42,15 +48,14 @@ pub fn jacobian_columns(
         let scale = Complex64::new(line.weight.sqrt(), 0.0);
         let through = &line.measured * loop_inverse.solve(&identity)? * scale;
         let by_row = &through * &dfb;
-        let push =
-            |column: &mut Vec<f64>, of: &DMatrix<Complex64>, i: usize, right: &dyn Fn(usize) -> Complex64| {
-                for output in 0..line.measured.nrows() {
-                    for command in 0..l {
-                        let v = of[(output, i)] * right(command);
-                        column.extend([v.re, v.im]);
-                    }
+        let push = |column: &mut Vec<f64>, of: &DMatrix<Complex64>, i: usize, right: &dyn Fn(usize) -> Complex64| {
+            for output in 0..line.measured.nrows() {
+                for command in 0..l {
+                    let v = of[(output, i)] * right(command);
+                    column.extend([v.re, v.im]);
                 }
-            };
+            }
+        };
         let mut columns = by_feedforward.iter_mut();
         for i in 0..m {
             for j in 0..l {
@@ -73,7 +78,7 @@ pub fn jacobian_columns(
             }
         }
     }
-    Some((by_feedforward, by_feedback))
+    Some(Derivatives { feedforward: by_feedforward, feedback: by_feedback })
 }
 
 /// Scaled to unit length; `None` for a column that vanishes.
@@ -105,8 +110,8 @@ pub fn identifiability(
     if unknowns > judged.equations {
         return judged;
     }
-    let Some((ff, fb)) = jacobian_columns(lines, pool, feedback, feedforward, order) else { return judged };
-    let (ff, fb) = (unit(&ff), unit(&fb));
+    let Some(by) = derivatives(lines, pool, feedback, feedforward, order) else { return judged };
+    let (ff, fb) = (unit(&by.feedforward), unit(&by.feedback));
     if let Some(all) = ff.iter().chain(&fb).cloned().collect::<Option<Vec<_>>>()
         && let Ok(values) = linalg::singular_values(&matrix(&all))
         && let (Some(largest), Some(smallest)) = (values.first(), values.last())

@@ -18,7 +18,7 @@ mod pool;
 mod search;
 mod stability;
 
-pub use diagnose::{identifiability, jacobian_columns};
+pub use diagnose::identifiability;
 pub use exact::{Fit, Problem};
 pub use identify::{Identified, MimoError, Plant, Settings, check, identify};
 pub use lines::{Line, Lines, MatrixFrequencyData};
