@@ -20,7 +20,7 @@ struct Derivatives {
 }
 
 /// The derivatives of the modelled response, by the coefficients of the feedforward (control, command and power of 1/z, in this order)
-/// and by those coefficients of the feedback that the pool leaves open,. `None` where the loop is
+/// and by those coefficients of the feedback that the pool leaves open. `None` where the loop is
 /// singular at a line.
 fn derivatives(
     lines: &Lines,

@@ -1,19 +1,19 @@
 //! From a known plant and the closed loop's frequency response to feedforward and feedback.
 
 use super::diagnose::identifiability;
+use super::error::{MOST_DERIVATIVES, MOST_STATES, MimoError};
 use super::exact::Problem;
+use super::findings::findings;
 use super::lines::{Line, Lines, MatrixFrequencyData};
 use super::pool::{FeedbackPool, MOST_CONTROLS};
 use super::search::{Optimum, search};
 use super::stability::Tester;
 use crate::control::{Discrete, LeftFraction, Multivariable, PolynomialMatrix};
-use crate::identify::basis::TooFewLines;
 use crate::identify::identifiability::Identifiability;
-use crate::identify::problem::{Dropped, Unusable};
-use crate::identify::search::NEAR;
+use crate::identify::problem::Dropped;
 use crate::identify::ssid::{Finding, Weights};
-use crate::num::linalg::{self, NoConvergence};
-use crate::num::{Ctl, Polynomial, Stopped};
+use crate::num::linalg;
+use crate::num::{Ctl, Polynomial};
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
@@ -39,215 +39,6 @@ pub struct Settings {
     pub weights: Weights,
     /// Larger pools are refused; counted before any candidate is tested for stability.
     pub max_candidates: u64,
-}
-
-/// The largest plant: determinants of degree n lose their digits as n grows.
-pub const MOST_STATES: usize = 40;
-
-/// Entries of the matrix of derivatives, of which singular values are taken.
-pub const MOST_DERIVATIVES: usize = 4_000_000;
-
-/// Why nothing was identified.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum MimoError {
-    /// Somebody asked it to stop.
-    #[error(transparent)]
-    Stopped(#[from] Stopped),
-    /// An output that the plant does not have, or none.
-    #[error("{list} names output {output} (counted from 0), and the plant has {outputs}")]
-    Output {
-        /// `measured_outputs` or `fed_back_outputs`.
-        list: &'static str,
-        /// The output.
-        output: usize,
-        /// Outputs of the plant.
-        outputs: usize,
-    },
-    /// A list without outputs, or with one twice.
-    #[error("{list} is empty or names an output twice: {given:?}")]
-    OutputList {
-        /// `measured_outputs` or `fed_back_outputs`.
-        list: &'static str,
-        /// The list.
-        given: Vec<usize>,
-    },
-    /// The pool's feedback does not fit the plant.
-    #[error(
-        "the feedback of the pool is {rows}x{columns}, and must be {controls}x{fed_back}: \
-         the plant has {controls} inputs, and {fed_back} outputs are fed back"
-    )]
-    PoolSize {
-        /// Rows of the feedback numerator.
-        rows: usize,
-        /// Columns of it.
-        columns: usize,
-        /// Inputs of the plant.
-        controls: usize,
-        /// Fed-back outputs.
-        fed_back: usize,
-    },
-    /// A response that does not fit the plant.
-    #[error(
-        "the response h at line {line} (counted from 0) is {rows}x{columns}, and must be {measured}x{fed_back}: \
-         measured outputs by commands, one for each fed-back output"
-    )]
-    ResponseSize {
-        /// The line.
-        line: usize,
-        /// Its rows.
-        rows: usize,
-        /// Its columns.
-        columns: usize,
-        /// Measured outputs.
-        measured: usize,
-        /// Fed-back outputs.
-        fed_back: usize,
-    },
-    /// Fewer outputs than controls: the feedforward is not determined.
-    #[error(
-        "Gy is {measured}x{controls}: with fewer measured outputs than controls, several feedforwards have the same response \
-         (Zhang 2015, proposition 4.1)"
-    )]
-    FewOutputs {
-        /// Measured outputs.
-        measured: usize,
-        /// Controls.
-        controls: usize,
-    },
-    /// Too many controls or states.
-    #[error("the plant has {controls} inputs and {states} states; at most {MOST_CONTROLS} and {MOST_STATES} are taken")]
-    TooLarge {
-        /// Inputs.
-        controls: usize,
-        /// States.
-        states: usize,
-    },
-    /// The loop has no delay.
-    #[error(
-        "row {row} (counted from 0) of the feedback has a numerator of degree {numerator} over a denominator of degree {denominator}, \
-         and {why}: Gfb Gv must be strictly proper (Zhang 2015, assumption A3.1)"
-    )]
-    NotStrictlyProper {
-        /// The row, from 0.
-        row: usize,
-        /// Degree of the numerator.
-        numerator: usize,
-        /// Degree of the denominator.
-        denominator: usize,
-        /// Why that is too much.
-        why: &'static str,
-    },
-    /// The pool is larger than allowed.
-    #[error("the pool lists {listed} feedback candidates, and at most {limit} are tried")]
-    Unaffordable {
-        /// Candidates.
-        listed: u128,
-        /// The limit.
-        limit: u64,
-    },
-    /// More data and coefficients than their diagnosis can hold.
-    #[error(
-        "{lines} lines of {measured}x{fed_back} responses and {unknowns} unknown coefficients make a matrix of derivatives with \
-         {entries} entries; at most {MOST_DERIVATIVES} are taken"
-    )]
-    TooManyDerivatives {
-        /// Lines given.
-        lines: usize,
-        /// Rows of the response.
-        measured: usize,
-        /// Columns of the response.
-        fed_back: usize,
-        /// Unknown coefficients.
-        unknowns: usize,
-        /// Entries of the matrix of derivatives.
-        entries: usize,
-    },
-    /// Weights by variance without variances.
-    #[error("the data have no variance, which the weights need")]
-    NoVariance,
-    /// None of the lines can be used.
-    #[error("none of the {lines} frequency lines can be used: {}", reasons(.dropped))]
-    NoLine {
-        /// Lines given.
-        lines: usize,
-        /// Why each was dropped.
-        dropped: Vec<Dropped>,
-    },
-    /// The lines do not determine the feedforward.
-    #[error(transparent)]
-    TooFewLines(#[from] TooFewLines),
-    /// Fewer equations than unknowns: every pool would fit.
-    #[error("the {lines} usable frequency lines give {equations} equations for {unknowns} unknown coefficients")]
-    Underdetermined {
-        /// Usable lines.
-        lines: usize,
-        /// Real equations.
-        equations: usize,
-        /// Unknown coefficients.
-        unknowns: usize,
-    },
-    /// No candidate stabilises the plant.
-    #[error("none of the {listed} feedback candidates has a stable closed loop within |z| < {radius}{}", hidden_text(.hidden))]
-    NoneStable {
-        /// Candidates.
-        listed: u128,
-        /// Radius.
-        radius: f64,
-        /// Plant modes on or outside the radius that the fed-back outputs do not see or the controls do not move.
-        hidden: Vec<Complex64>,
-    },
-    /// The closed-loop poles were not found.
-    #[error(transparent)]
-    NoConvergence(#[from] NoConvergence),
-    /// Data or a result overflows.
-    #[error("not finite: {0}")]
-    NotFinite(&'static str),
-}
-
-fn hidden_text(hidden: &[Complex64]) -> String {
-    let words: Vec<String> = hidden.iter().map(|z| format!("{:.4}{:+.4}j", z.re, z.im)).collect();
-    if words.is_empty() {
-        String::new()
-    } else {
-        format!(
-            "; the plant has modes at z = {} that no feedback from the fed-back outputs moves \
-             (a matrix of transfer functions counts a mode once for each column)",
-            words.join(", ")
-        )
-    }
-}
-
-fn reason(why: Unusable) -> (&'static str, &'static str) {
-    match why {
-        Unusable::PlantPole => ("line_on_plant_pole", "a plant pole lies there"),
-        Unusable::PlantZero => (
-            "line_with_singular_plant",
-            "Gy does not have full column rank there, so that some controls have no effect that is measured",
-        ),
-        Unusable::NoResponse => ("line_without_response", "there is no finite response"),
-        Unusable::NoWeight => ("line_without_weight", "its variance gives no positive weight"),
-        Unusable::AboveNyquist => ("line_above_nyquist", "it lies above the Nyquist frequency"),
-    }
-}
-
-/// For each reason its code, its words and the frequencies (rad/s) dropped for it.
-fn grouped(dropped: &[Dropped]) -> Vec<(&'static str, &'static str, String)> {
-    let all =
-        [Unusable::PlantPole, Unusable::PlantZero, Unusable::NoResponse, Unusable::NoWeight, Unusable::AboveNyquist];
-    all.into_iter()
-        .filter_map(|why| {
-            let lines: Vec<String> =
-                dropped.iter().filter(|d| d.why == why).map(|d| format!("{:.5}", d.omega_rad_s)).collect();
-            let (code, words) = reason(why);
-            (!lines.is_empty()).then(|| (code, words, lines.join(", ")))
-        })
-        .collect()
-}
-
-fn reasons(dropped: &[Dropped]) -> String {
-    let parts: Vec<String> =
-        grouped(dropped).into_iter().map(|(_, words, lines)| format!("at {lines} rad/s {words}")).collect();
-    parts.join("; ")
 }
 
 /// The identified controllers.
@@ -278,16 +69,6 @@ pub struct Identified {
     /// What must be read.
     pub findings: Vec<Finding>,
 }
-
-/// Below this separation, or above this condition number, feedback and feedforward count as confounded.
-const POOR_SEPARATION: f64 = 0.02;
-const POOR_CONDITION: f64 = 1e4;
-
-/// Below this separation they cannot be told apart at all.
-const NO_SEPARATION: f64 = 1e-8;
-
-/// Relative difference between J by least squares and J of the reported coefficients that is worth a warning.
-const COST_MISMATCH: f64 = 1e-6;
 
 fn check_outputs(list: &'static str, given: &[usize], outputs: usize) -> Result<(), MimoError> {
     if let Some(output) = given.iter().copied().find(|o| *o >= outputs) {
@@ -486,105 +267,4 @@ fn hidden_modes(plant: &Plant, radius: f64) -> Vec<Complex64> {
             is_rank_deficient(controls) || is_rank_deficient(outputs)
         })
         .collect()
-}
-
-fn findings(found: &Identified, plant: &Plant, settings: &Settings) -> Vec<Finding> {
-    let pool = &settings.pool;
-    let mut findings = Vec::new();
-    let mut say = |code: &'static str, message: String| findings.push(Finding { code, message });
-    for (code, words, lines) in grouped(&found.dropped) {
-        say(code, format!("left out at {lines} rad/s: {words}"));
-    }
-    // Two closed loops differ by a rational matrix whose numerator has at most this degree (after Zhang 2015, proposition 4.3).
-    let wanted = 2 * (plant.system.states() + pool.states()) + settings.feedforward_order;
-    if found.lines.len() <= wanted {
-        say(
-            "few_lines",
-            format!(
-                "{} frequency lines; more than {wanted} are needed to make sure that controllers with the same response at the lines \
-                 have the same closed loop (Zhang 2015, proposition 4.3)",
-                found.lines.len()
-            ),
-        );
-    }
-    let is_zero = found.feedback.numerator().to_nested().iter().flatten().flatten().all(|c| *c == 0.0);
-    if is_zero {
-        say(
-            "zero_feedback",
-            "the best candidate has no feedback at all; its feedback denominator means nothing".to_owned(),
-        );
-    }
-    let judged = &found.identifiability;
-    let numbers = format!(
-        "separation {} (1: unlike, 0: confounded), condition number {}",
-        judged.separation.map_or_else(|| "undefined".to_owned(), |s| format!("{s:.2e}")),
-        judged.condition_number.map_or_else(|| "undefined".to_owned(), |c| format!("{c:.2e}")),
-    );
-    let has_free = pool.rows().iter().flat_map(|row| &row.coefficients).any(|c| c.values.len() > 1);
-    let poor = judged.separation.is_some_and(|s| s < POOR_SEPARATION)
-        || judged.condition_number.is_none_or(|c| c > POOR_CONDITION);
-    if judged.separation.is_some_and(|s| s < NO_SEPARATION) {
-        say(
-            "feedback_not_determined",
-            format!(
-                "a change of the feedback can be undone by the feedforward, so that the response is the same whatever the feedback is \
-                 (Zhang 2015, example 4.1): {numbers}. Of all such feedbacks of the pool the first one is reported"
-            ),
-        );
-    } else if poor && has_free && !is_zero {
-        say(
-            "feedback_poorly_determined",
-            format!(
-                "the response to the commands cannot tell two controllers apart but by their assumed degrees, and here it hardly does: {numbers}. \
-                 Feedback and feedforward of much the same cost may differ a lot"
-            ),
-        );
-    } else {
-        say(
-            "feedback_from_structure",
-            format!(
-                "feedback and feedforward are told apart only by their assumed degrees (Zhang 2015, example 4.1 and assumption A3.5); {numbers}. \
-                 They describe the modelled loop on the known plant, which is no proof about the person"
-            ),
-        );
-    }
-    let optimum = &found.optimum;
-    if optimum.near_optimal > 1 {
-        say(
-            "near_optimal_candidates",
-            format!(
-                "{}{} candidates of the pool cost at most {:.0} % more than the best one, or cannot be told from it by rounding",
-                if optimum.near_optimal_is_capped { "more than " } else { "" },
-                optimum.near_optimal,
-                100.0 * NEAR
-            ),
-        );
-    }
-    if !optimum.fit.is_unique {
-        say(
-            "feedforward_not_unique",
-            "with this feedback the lines do not determine every feedforward coefficient; dependent ones were set to 0"
-                .to_owned(),
-        );
-    }
-    for edge in pool.edges(&optimum.coefficients) {
-        say(
-            "edge_of_pool",
-            format!("the best candidate lies on the edge of the pool: {edge}; a wider pool may hold a better one"),
-        );
-    }
-    let mismatch = (found.cost_of_coefficients - optimum.fit.cost).abs();
-    let scale: f64 =
-        found.lines.iter().map(|(line, _)| line.weight * line.response.iter().map(|v| v.norm_sqr()).sum::<f64>()).sum();
-    if mismatch > COST_MISMATCH * optimum.fit.cost && mismatch > 1e-12 * scale {
-        say(
-            "ill_conditioned_coefficients",
-            format!(
-                "the coefficients as written give the cost {:.6e} instead of {:.6e}: the feedforward is too high in order \
-                 for its lines to be written in powers of 1/z",
-                found.cost_of_coefficients, optimum.fit.cost
-            ),
-        );
-    }
-    findings
 }

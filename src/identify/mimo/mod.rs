@@ -10,7 +10,9 @@
 //! closed loop comes closest to the data in `J = Σ weight ‖G̃ − H‖_F²` (equation 4.7).
 
 mod diagnose;
+mod error;
 mod exact;
+mod findings;
 mod identify;
 mod kernel;
 mod lines;
@@ -19,8 +21,9 @@ mod search;
 mod stability;
 
 pub use diagnose::identifiability;
+pub use error::{MOST_DERIVATIVES, MOST_STATES, MimoError};
 pub use exact::{Fit, Problem};
-pub use identify::{Identified, MimoError, Plant, Settings, check, identify};
+pub use identify::{Identified, Plant, Settings, check, identify};
 pub use lines::{Line, Lines, MatrixFrequencyData};
 pub use pool::{AxisMatrix, Coefficient, Entry, FeedbackPool, MOST_CONTROLS, MOST_FED_BACK, Row};
 pub use search::{MOST_NEAR, Optimum, search};
