@@ -3,6 +3,7 @@ use crate::control::{Discrete, Multivariable, StateSpace};
 use crate::identify::mimo::lines::{Lines, MatrixFrequencyData};
 use crate::identify::mimo::stability::Tester;
 use crate::num::rng::stream;
+use nalgebra::DMatrix;
 use rand::RngExt;
 
 /// The screened cost of every stable candidate lies within its bound of the cost by orthogonalisation, and the bound is tight
