@@ -13,6 +13,7 @@ pub mod plan;
 pub mod problem;
 pub mod report;
 pub mod ssid;
+pub mod ssid_mimo;
 pub mod trial_input;
 pub mod trial_problem;
 

@@ -4,7 +4,7 @@ use super::inputs::{Library, References};
 use super::kind::{Kind, Request};
 use super::problem::Problem;
 use super::report::Report;
-use super::{frequency_response, inverse, ssid};
+use super::{frequency_response, inverse, ssid, ssid_mimo};
 use crate::num::{Ctl, Stopped};
 
 /// A checked request: everything that can be checked without its inputs has been.
@@ -16,6 +16,8 @@ pub enum Plan {
     Ssid(ssid::Plan),
     /// See [`inverse`]: three kinds.
     Inverse(inverse::Plan),
+    /// Kind `ssid` with several inputs and outputs; see [`ssid_mimo`].
+    SsidMimo(ssid_mimo::Plan),
 }
 
 /// Why a plan came to no report.
@@ -37,6 +39,7 @@ impl Plan {
     pub fn parse(request: &Request) -> Result<Self, Problem> {
         match request.kind.parse()? {
             Kind::FrequencyResponse => frequency_response::Plan::parse(request).map(Self::FrequencyResponse),
+            Kind::Ssid if ssid_mimo::is_asked_for(request) => ssid_mimo::Plan::parse(request).map(Self::SsidMimo),
             Kind::Ssid => ssid::Plan::parse(request).map(Self::Ssid),
             kind @ (Kind::InverseLqr | Kind::InverseLqe | Kind::InverseLqg) => {
                 inverse::Plan::parse(request, kind).map(Self::Inverse)
@@ -49,7 +52,7 @@ impl Plan {
     pub fn kind(&self) -> Kind {
         match self {
             Self::FrequencyResponse(_) => Kind::FrequencyResponse,
-            Self::Ssid(_) => Kind::Ssid,
+            Self::Ssid(_) | Self::SsidMimo(_) => Kind::Ssid,
             Self::Inverse(plan) => plan.kind(),
         }
     }
@@ -61,6 +64,7 @@ impl Plan {
             Self::FrequencyResponse(plan) => plan.references(),
             Self::Ssid(plan) => plan.references(),
             Self::Inverse(plan) => plan.references(),
+            Self::SsidMimo(plan) => plan.references(),
         }
     }
 
@@ -71,6 +75,7 @@ impl Plan {
             Self::FrequencyResponse(plan) => plan.request(),
             Self::Ssid(plan) => plan.request(),
             Self::Inverse(plan) => plan.request(),
+            Self::SsidMimo(plan) => plan.request(),
         }
     }
 
@@ -85,6 +90,7 @@ impl Plan {
             Self::FrequencyResponse(plan) => plan.run(library, ctl),
             Self::Ssid(plan) => plan.run(library, ctl),
             Self::Inverse(plan) => plan.run(library, ctl),
+            Self::SsidMimo(plan) => plan.run(library, ctl),
         }
     }
 }

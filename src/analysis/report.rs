@@ -87,6 +87,20 @@ impl Report {
         seed: Option<u64>,
     ) -> Self {
         let schema = format!("volition.{kind}/{version}");
+        Self::with_schema(kind, schema, result, warnings, spec, inputs_sha256, seed)
+    }
+
+    /// [`Report::new`] for a kind whose results have several forms: `schema` names this one.
+    #[must_use]
+    pub fn with_schema(
+        kind: Kind,
+        schema: String,
+        result: serde_json::Value,
+        warnings: Vec<Warning>,
+        spec: serde_json::Value,
+        inputs_sha256: BTreeMap<String, String>,
+        seed: Option<u64>,
+    ) -> Self {
         let result_sha256 = sha256_json(&serde_json::json!([kind, schema, result, warnings]));
         let provenance = Provenance {
             product_version: env!("CARGO_PKG_VERSION").to_owned(),

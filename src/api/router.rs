@@ -10,6 +10,7 @@ use super::{
 use crate::analysis::frequency_response::{FrequencyResponseResult, FrequencyResponseSpec};
 use crate::analysis::inverse::{Comparand, InverseLqgSpec, InverseLqrResult, InverseSpec, Trajectory};
 use crate::analysis::ssid::{FrequencyResponseInput, SsidResult, SsidSpec};
+use crate::analysis::ssid_mimo::{SsidMimoInputs, SsidMimoResult, SsidMimoSpec};
 use axum::Router;
 use utoipa::openapi::header::HeaderBuilder;
 use utoipa::openapi::path::{Operation, ParameterIn};
@@ -40,7 +41,10 @@ use utoipa_axum::routes;
         InverseLqgSpec,
         InverseLqrResult,
         Trajectory,
-        Comparand
+        Comparand,
+        SsidMimoInputs,
+        SsidMimoSpec,
+        SsidMimoResult
     )),
     tags(
         (name = "studies", description = "The frame of everything else."),

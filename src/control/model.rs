@@ -203,18 +203,26 @@ impl Model {
                 None => System::Continuous(TransferFunction::new(&m.num, &m.den, Continuous)?),
                 Some(time) => System::Discrete(TransferFunction::new(&m.num, &m.den, time)?),
             })),
-            Self::StateSpace(m) => {
-                let (a, d) = (matrix("A", &m.a)?, matrix("D", &m.d)?);
-                // Without states B has no rows to count columns in, and C may be written without rows.
-                let empty = a.nrows() == 0;
-                let b = if empty && m.b.is_empty() { DMatrix::zeros(0, d.ncols()) } else { matrix("B", &m.b)? };
-                let c = if empty && m.c.is_empty() { DMatrix::zeros(d.nrows(), 0) } else { matrix("C", &m.c)? };
-                Ok(match time {
-                    None => Checked::Continuous(StateSpace::new(a, b, c, d, Continuous)?),
-                    Some(time) => Checked::Discrete(StateSpace::new(a, b, c, d, time)?),
-                })
-            }
+            Self::StateSpace(m) => Ok(match time {
+                None => Checked::Continuous(m.check(Continuous)?),
+                Some(time) => Checked::Discrete(m.check(time)?),
+            }),
         }
+    }
+}
+
+impl StateSpaceModel {
+    /// The checked matrices in the given time base, several inputs and outputs included.
+    ///
+    /// # Errors
+    /// [`ModelError`] where a matrix is ragged, sizes disagree or an entry is not finite.
+    pub fn check<T: TimeBase>(&self, time: T) -> Result<StateSpace<T>, ModelError> {
+        let (a, d) = (matrix("A", &self.a)?, matrix("D", &self.d)?);
+        // Without states B has no rows to count columns in, and C may be written without rows.
+        let empty = a.nrows() == 0;
+        let b = if empty && self.b.is_empty() { DMatrix::zeros(0, d.ncols()) } else { matrix("B", &self.b)? };
+        let c = if empty && self.c.is_empty() { DMatrix::zeros(d.nrows(), 0) } else { matrix("C", &self.c)? };
+        Ok(StateSpace::new(a, b, c, d, time)?)
     }
 }
 

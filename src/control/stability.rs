@@ -80,6 +80,38 @@ pub fn is_schur_within(p: &[f64], radius: f64) -> bool {
     })
 }
 
+/// [`is_schur_within`] for coefficients that were computed: `errors` bounds what rounding did to each of them. A polynomial that any
+/// polynomial within these bounds could turn into one with a root on or outside the circle counts, to first order, as not stable.
+///
+/// The degree is that of the slice: a leading coefficient that its error leaves open is not stable either.
+///
+/// # Panics
+/// If the lengths differ, which is a mistake of the caller.
+#[must_use]
+pub fn is_schur_within_errors(p: &[f64], errors: &[f64], radius: f64) -> bool {
+    assert_eq!(p.len(), errors.len(), "an error for every coefficient");
+    if p.is_empty() || !radius.is_normal() || radius < 0.0 {
+        return false;
+    }
+    let run = |values: &mut [f64], bounds: &mut [f64]| {
+        let mut power = 1.0;
+        for (steps, ((v, b), (c, e))) in values.iter_mut().zip(bounds.iter_mut()).zip(p.iter().zip(errors)).enumerate()
+        {
+            *v = c * power;
+            *b = e * power + f64::EPSILON * steps as f64 * v.abs();
+            power /= radius;
+        }
+        // A NaN must not pass.
+        let is_clear = values[0].abs() > bounds[0] && values.iter().all(|v| v.is_finite());
+        is_clear && schur_cohn(values, bounds)
+    };
+    match p.len() {
+        n if n <= FEW => run(&mut [0.0; FEW][..n], &mut [0.0; FEW][..n]),
+        n if n <= ON_STACK => run(&mut [0.0; ON_STACK][..n], &mut [0.0; ON_STACK][..n]),
+        n => run(&mut vec![0.0; n], &mut vec![0.0; n]),
+    }
+}
+
 /// Runs a test that overwrites its coefficients and their error bounds, on copies without leading zeros.
 fn on_scratch(p: &[f64], test: impl FnOnce(&mut [f64], &mut [f64]) -> bool) -> bool {
     fn run(
@@ -226,6 +258,18 @@ mod tests {
         assert!(is_schur_within(&[1.0, 0.0, -0.81], 0.9 + 1e-9));
         assert!(!is_schur_within(&[1.0, 0.0, -0.81], 0.9));
         assert!(!is_schur_within(&[1.0, 0.0, -0.81], 0.9 - 1e-9));
+    }
+
+    #[test]
+    fn errors_of_coefficients_decide_what_is_open() {
+        // (z − 0.5)(z − 0.99), its constant coefficient off by up to e.
+        let p = [1.0, -1.49, 0.495];
+        assert!(is_schur_within_errors(&p, &[0.0, 0.0, 1e-3], 1.0));
+        assert!(!is_schur_within_errors(&p, &[0.0, 0.0, 1e-2], 1.0));
+        assert!(is_schur_within_errors(&p, &[0.0; 3], 0.991) && !is_schur_within_errors(&p, &[0.0; 3], 0.989));
+        assert!(!is_schur_within_errors(&[1e-17, 1.0, 0.5], &[1e-16, 0.0, 0.0], 1.0), "the degree is open");
+        assert!(!is_schur_within_errors(&[], &[], 1.0) && is_schur_within_errors(&[2.0], &[0.1], 1.0));
+        assert!(!is_schur_within_errors(&[1.0, f64::NAN], &[0.0; 2], 1.0));
     }
 
     #[test]

@@ -4,6 +4,7 @@
 pub mod basis;
 pub mod frequency;
 pub mod identifiability;
+pub mod mimo;
 pub mod pool;
 pub mod problem;
 pub mod refine;

@@ -59,6 +59,60 @@ async fn an_analysis_is_queued_computed_and_reported() {
 }
 
 #[tokio::test]
+async fn several_inputs_and_outputs_come_with_the_request() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let trial = server.trial(&lab, 1).await;
+    // Two uncoupled loops with plants 1/(z - 0.5) and 1/(z + 0.4), Gff = I and Gfb = diag(0.2, 0.3).
+    let omega: Vec<f64> = (1..=10).map(|k| 0.3 * f64::from(k)).collect();
+    let h: Vec<Value> = omega
+        .iter()
+        .map(|w| {
+            let z = num_complex::Complex64::from_polar(1.0, *w);
+            let closed = |pole: f64, gain: f64| {
+                let g = 1.0 / (z - pole);
+                let h = g * (1.0 + gain) / (1.0 + g * gain);
+                [h.re, h.im]
+            };
+            json!([[closed(0.5, 0.2), [0, 0]], [[0, 0], closed(-0.4, 0.3)]])
+        })
+        .collect();
+    let gains = json!([{"from": 0.0, "to": 0.4, "step": 0.1}]);
+    let request = json!({"kind": "ssid",
+        "inputs": {
+            "plant": {"a": [[0.5, 0], [0, -0.4]], "b": [[1, 0], [0, 1]], "c": [[1, 0], [0, 1]], "d": [[0, 0], [0, 0]], "sample_time_s": 1},
+            "frequency_response": {"omega_rad_s": omega, "h": h}},
+        "spec": {"pool": {"matrix_grid": {"feedback_numerator": [[gains, [[0]]], [[[0]], gains]]}}, "feedforward_order": 0}});
+    let queued = server.post("/v1/analyses", &request).await;
+    let path = queued.header("location").to_owned();
+    let analysis = queued.json(202);
+    assert_eq!(
+        (&analysis["kind"], &analysis["request"]["inputs"]["measured_outputs"]),
+        (&json!("ssid"), &json!([0, 1]))
+    );
+    server.work().await;
+    let report = server.get(&format!("{path}/report")).await.json(200);
+    assert_eq!(report["schema"], "volition.ssid_mimo/1");
+    let result = &report["result"];
+    assert_eq!(result["feedback"]["numerator"], json!([[[0.2], [0.0]], [[0.0], [0.3]]]), "{result}");
+    assert_eq!(result["certificate"]["listed"], 25);
+    assert_eq!(result["fit"][0]["h"].as_array().unwrap().len(), 2);
+
+    // A trial has one command, one control and one output.
+    let mut of_trial = request.clone();
+    of_trial["inputs"] = json!({"trial": trial});
+    let refused = server.post("/v1/analyses", &of_trial).await.problem(422, "invalid");
+    assert_eq!(refused["where"], "/inputs/trial");
+    assert!(refused["detail"].as_str().unwrap().contains("one command, one control and one output"), "{refused}");
+    let mut ragged = request;
+    ragged["inputs"]["plant"]["b"] = json!([[1, 0]]);
+    let refused = server.post("/v1/analyses", &ragged).await.problem(422, "invalid");
+    assert_eq!(refused["where"], "/inputs/plant");
+    assert!(refused["detail"].as_str().unwrap().contains("B is 1x2 and must be 2x2"), "{refused}");
+    server.finish().await;
+}
+
+#[tokio::test]
 async fn progress_is_what_the_worker_says_and_has_its_etag() {
     let server = TestServer::start().await;
     let lab = server.lab().await;

@@ -88,6 +88,45 @@ fn run_writes_the_report_and_exits_with_0() {
     assert!(report["provenance"]["wall_time_s"].as_f64().unwrap() > 0.0);
 }
 
+/// One row and one column, written as matrices: the multivariable form, exact recovery of a static gain and an FIR filter.
+#[test]
+fn run_takes_matrices_of_frequency_data() {
+    use num_complex::Complex64;
+    let omega: Vec<f64> = (1..=12).map(|k| 0.2 * f64::from(k)).collect();
+    let h: Vec<_> = omega
+        .iter()
+        .map(|w| {
+            let z = Complex64::from_polar(1.0, *w);
+            let (g, ff, fb) = (0.4 / (z - 0.9), 0.7 - 0.2 / z, 0.5);
+            let h = g * (ff + fb) / (1.0 + g * fb);
+            [[[h.re, h.im]]]
+        })
+        .collect();
+    let mut document = json!({
+        "kind": "ssid",
+        "inputs": {
+            "plant": {"transfer_functions": [[{"num": [0.4], "den": [1.0, -0.9]}]], "sample_time_s": 1.0},
+            "frequency_response": {"omega_rad_s": omega, "h": h}
+        },
+        "spec": {"pool": {"matrix_grid": {"feedback_numerator": [[[{"from": -1, "to": 1, "step": 0.1}]]]}}, "feedforward_order": 1}
+    });
+    let output = run(&document.to_string());
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&report["kind"], &report["schema"]), (&json!("ssid"), &json!("volition.ssid_mimo/1")));
+    assert_eq!(report["result"]["feedback"]["numerator"], json!([[[0.5]]]));
+    let feedforward: Vec<f64> =
+        serde_json::from_value(report["result"]["feedforward"]["numerator"][0][0].clone()).unwrap();
+    assert!((feedforward[0] - 0.7).abs() < 1e-12 && (feedforward[1] + 0.2).abs() < 1e-12, "{feedforward:?}");
+
+    document["inputs"]["frequency_response"]["h"][4] = json!([[[1.0, 0.0], [0.0, 0.0]]]);
+    let output = run(&document.to_string());
+    assert_eq!(output.status.code(), Some(2));
+    let words = problem(&output);
+    assert_eq!(words["where"], "/inputs/frequency_response/h/4", "{words}");
+    assert!(words["detail"].as_str().unwrap().contains("is 1x2, and must be 1x1"), "{words}");
+}
+
 #[test]
 fn the_same_document_gives_the_same_result() {
     let hash = |output: Output| -> Value {

@@ -4,7 +4,8 @@ use super::inputs::HELD_OUT;
 use crate::analysis::inputs::Library;
 use crate::analysis::problem::{Code, Problem};
 use crate::analysis::trial_input::{ResolvedTrial, TrialInputs};
-use crate::control::{Model, System};
+use crate::control::conversion::ConversionError;
+use crate::control::{Model, ModelError, System};
 use crate::identify::pool::PoolError;
 use crate::identify::ssid::SsidError;
 
@@ -13,9 +14,17 @@ const SAME_SAMPLE_TIME: f64 = 1e-5;
 
 /// The plant as a checked system.
 pub(super) fn check_plant(plant: &Model, location: &str) -> Result<System, Problem> {
-    plant
-        .check()
-        .map_err(|error| Problem::new(Code::Invalid, "unusable plant", error.to_string()).at(location.to_owned()))
+    plant.check().map_err(|error| {
+        let problem = Problem::new(Code::Invalid, "unusable plant", error.to_string()).at(location.to_owned());
+        if matches!(error, ModelError::Conversion(ConversionError::NotSingle { .. })) {
+            problem.mend(
+                "With several inputs or outputs give frequency_response with a matrix for each line and a matrix_grid as the pool; \
+                 recorded trials have one of each.",
+            )
+        } else {
+            problem
+        }
+    })
 }
 
 /// The plant that all trials were recorded on.
