@@ -15,6 +15,7 @@ pub mod report;
 pub mod ssid;
 pub mod trial_input;
 pub mod trial_problem;
+pub mod two_stimulus;
 
 pub use inputs::{Library, References, StoredTrial};
 pub use kind::{Kind, Request};

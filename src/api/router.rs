@@ -10,6 +10,7 @@ use super::{
 use crate::analysis::frequency_response::{FrequencyResponseResult, FrequencyResponseSpec};
 use crate::analysis::inverse::{Comparand, InverseLqgSpec, InverseLqrResult, InverseSpec, Trajectory};
 use crate::analysis::ssid::{FrequencyResponseInput, SsidResult, SsidSpec};
+use crate::analysis::two_stimulus::{StimulusResponsesInput, TwoStimulusResult, TwoStimulusSpec};
 use axum::Router;
 use utoipa::openapi::header::HeaderBuilder;
 use utoipa::openapi::path::{Operation, ParameterIn};
@@ -36,6 +37,9 @@ use utoipa_axum::routes;
         FrequencyResponseInput,
         SsidSpec,
         SsidResult,
+        StimulusResponsesInput,
+        TwoStimulusSpec,
+        TwoStimulusResult,
         InverseSpec,
         InverseLqgSpec,
         InverseLqrResult,

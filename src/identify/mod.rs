@@ -10,4 +10,5 @@ pub mod refine;
 pub mod search;
 pub mod ssid;
 pub mod time;
+pub mod two_stimulus;
 pub mod validation;

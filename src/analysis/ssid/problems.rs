@@ -12,14 +12,14 @@ use crate::identify::ssid::SsidError;
 const SAME_SAMPLE_TIME: f64 = 1e-5;
 
 /// The plant as a checked system.
-pub(super) fn check_plant(plant: &Model, location: &str) -> Result<System, Problem> {
+pub(in crate::analysis) fn check_plant(plant: &Model, location: &str) -> Result<System, Problem> {
     plant
         .check()
         .map_err(|error| Problem::new(Code::Invalid, "unusable plant", error.to_string()).at(location.to_owned()))
 }
 
 /// The plant that all trials were recorded on.
-pub(super) fn common_plant(trials: &[ResolvedTrial]) -> Result<System, Problem> {
+pub(in crate::analysis) fn common_plant(trials: &[ResolvedTrial]) -> Result<System, Problem> {
     let mut common: Option<(System, &str)> = None;
     for trial in trials {
         let Some(model) = trial.plant() else {
@@ -70,7 +70,7 @@ pub(super) fn held_out(
 }
 
 /// A sampled plant must have the trials' sample time.
-pub(super) fn check_sample_times(plant: &System, trials: &[ResolvedTrial]) -> Result<(), Problem> {
+pub(in crate::analysis) fn check_sample_times(plant: &System, trials: &[ResolvedTrial]) -> Result<(), Problem> {
     let Some(period) = plant.sample_time_s() else { return Ok(()) };
     for trial in trials {
         let own = trial.trial().sample_time_s;
