@@ -268,7 +268,7 @@ fn parametric_bands_hold_the_truth_and_agree_with_those_without_structure() {
     let person = Virtual::new(false);
     let how = FitSettings { channel: Channel::Control, starts: 1, seed: 5 };
     let (mut held, mut all, mut agree, mut compared, mut edges) = ([0; 4], 0, 0, 0, 0);
-    for seed in 0..200 {
+    for seed in 0..500 {
         let data = responses(&person.lines(12, 0.05, 1000 + seed));
         let found = fit(&data, &person.person, &how, &Ctl::new()).unwrap();
         edges += i32::from(found.parameters.iter().any(|p| p.at_edge));
@@ -297,8 +297,8 @@ fn parametric_bands_hold_the_truth_and_agree_with_those_without_structure() {
     }
     let shares: Vec<f64> = held.iter().map(|h| f64::from(*h) / f64::from(all)).collect();
     let agreeing = f64::from(agree) / f64::from(compared);
-    eprintln!("held {shares:?}, agreeing {agreeing}, {edges} of 200 with a parameter at an edge");
-    assert!(shares.iter().all(|s| (0.91..=0.98).contains(s)), "{shares:?}");
+    eprintln!("held {shares:?}, agreeing {agreeing}, {edges} of 500 with a parameter at an edge");
+    assert!(shares.iter().all(|s| (0.93..=0.97).contains(s)), "{shares:?}");
     assert!(agreeing > 0.93, "{agreeing}");
 }
 

@@ -12,6 +12,7 @@
 
 mod findings;
 mod inputs;
+mod pool;
 mod result;
 mod spec;
 
@@ -36,6 +37,7 @@ use crate::num::Ctl;
 use crate::trial::Trial;
 pub use inputs::{StimulusResponsesInput, TwoStimulusInputs};
 use num_complex::Complex64;
+pub use pool::PoolResult;
 pub use result::{
     Agreement, ControllerAtLine, FittedAtLine, FittedLine, FittedParameter, Shares, StructureFit, TrialShare,
     TwoStimulusLine, TwoStimulusResult,
@@ -121,7 +123,13 @@ impl Plan {
         if let Some(best) = best {
             findings::of_best(&fits[best], &mut warnings);
         }
+        let sample_time_s = trials.first().map(|t| t.trial().sample_time_s);
+        let pool = match self.spec.pool() {
+            None => None,
+            Some((recipe, limit)) => Some(pool::best(recipe, &plant, sample_time_s, &lines, limit, ctl)?),
+        };
         let result = TwoStimulusResult {
+            pool,
             lines: free.lines.iter().map(Into::into).collect(),
             inverse_distance: inverse_distance(&free, &plant),
             fits,

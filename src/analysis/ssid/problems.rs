@@ -85,7 +85,7 @@ pub(in crate::analysis) fn check_sample_times(plant: &System, trials: &[Resolved
 }
 
 /// The problem of an error; [`SsidError::Stopped`] is none, and for the caller to tell apart.
-pub(super) fn problem(error: &SsidError) -> Problem {
+pub(in crate::analysis) fn problem(error: &SsidError) -> Problem {
     let new = |code, title: &str| Problem::new(code, title, error.to_string());
     match error {
         SsidError::Stopped(_) => new(Code::Internal, "stopped"),

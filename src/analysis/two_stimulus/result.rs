@@ -1,5 +1,6 @@
 //! The result of a two-stimulus estimate.
 
+use super::pool::PoolResult;
 use crate::identify::two_stimulus::controllers::{Controllers, Estimated, LineControllers};
 use crate::identify::two_stimulus::fit::{Band, Fitted};
 use crate::identify::two_stimulus::responses::NoiseSource;
@@ -210,6 +211,8 @@ pub struct TwoStimulusResult {
     pub inverse_distance: Option<f64>,
     /// Structure by structure, in the order of the spec.
     pub fits: Vec<StructureFit>,
+    /// The best candidate of the pool; null where the spec has none.
+    pub pool: Option<PoolResult>,
     /// Position of the structure with the smallest `akaike`; null where none has one.
     pub best: Option<usize>,
 }

@@ -45,6 +45,48 @@ fn responses_in_the_request_give_both_controllers() {
 }
 
 #[test]
+fn a_pool_is_searched_for_both_responses() {
+    // Zhang 2015, section 2.6: Gp = 4/(s+2), Gff = (2.1s+3)/(s+6.5), Gfb = 5.4/(s+7.1).
+    let s = |w: f64| Complex64::new(0.0, w);
+    let omega: Vec<f64> = (1..=12).map(|k| 0.6 * f64::from(k)).collect();
+    let laws = |w: f64| (4.0 / (s(w) + 2.0), (2.1 * s(w) + 3.0) / (s(w) + 6.5), 5.4 / (s(w) + 7.1));
+    let pick = |f: &dyn Fn(f64) -> Complex64| -> Vec<[f64; 2]> { omega.iter().map(|w| complex(f(*w))).collect() };
+    let h_yr = pick(&|w| {
+        let (g, ff, fb) = laws(w);
+        g * (ff + fb) / (1.0 + g * fb)
+    });
+    let h_yd = pick(&|w| {
+        let (g, _, fb) = laws(w);
+        g / (1.0 + g * fb)
+    });
+    let inputs = json!({
+        "plant": {"num": [4.0], "den": [1.0, 2.0], "sample_time_s": null},
+        "frequency_response": {"omega_rad_s": omega, "h_yr": h_yr, "h_yd": h_yd}
+    });
+    let axis = json!([{"from": 3.4, "to": 8.0, "step": 0.1}]);
+    let spec = json!({
+        "pool": {"grid": {"feedforward_denominator": axis, "feedback_numerator": axis, "feedback_denominator": axis},
+            "stability_margin": 0.0},
+        "feedforward_numerator_degree": 1, "structures": []
+    });
+    let report = run(inputs.clone(), spec.clone()).unwrap();
+    let pool = &report.result["pool"];
+    assert!(pool["cost"].as_f64().unwrap() < 1e-20, "{pool}");
+    for (pointer, truth) in
+        [("/feedback/num/0", 5.4), ("/feedback/den/1", 7.1), ("/feedforward/num/0", 2.1), ("/feedforward/den/1", 6.5)]
+    {
+        let found = pool.pointer(pointer).and_then(Value::as_f64).unwrap();
+        assert!((found - truth).abs() < 1e-9, "{pointer}: {pool}");
+    }
+    let mut small = spec;
+    small["max_candidates"] = json!(10);
+    let Err(Failure::Problem(problem)) = run(inputs.clone(), small) else { panic!("a pool past its limit") };
+    assert_eq!(problem.code, Code::Unaffordable);
+    let Err(Failure::Problem(problem)) = run(inputs, json!({"max_candidates": 10})) else { panic!("a stray limit") };
+    assert_eq!(problem.location.as_deref(), Some("/spec/max_candidates"));
+}
+
+#[test]
 fn the_command_alone_is_refused_with_the_reason() {
     let Err(Failure::Problem(problem)) = run(responses_of(false), json!({})) else { panic!("a result from r alone") };
     assert_eq!(problem.code, Code::NotIdentifiable);
