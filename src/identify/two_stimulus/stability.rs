@@ -51,7 +51,8 @@ pub fn is_loop_stable(plant: &System, feedback: impl Fn(f64) -> Complex64, delay
     let end = nyquist.unwrap_or(1e6 * scale_rad_s);
     let mut omega = 0.0;
     let mut here = value(1e-9 * scale_rad_s);
-    let mut turned = here.arg();
+    // From the phase of f(0), which is 0 or a half turn: with f(0) < 0 no path ends where it began.
+    let mut turned = 0.0_f64;
     let mut evaluations = 0;
     while omega < end {
         // The delay's own turns set the step while the loop gain counts.
