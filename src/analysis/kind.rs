@@ -14,6 +14,8 @@ pub enum Kind {
     FrequencyResponse,
     /// Subsystem identification: the person's feedforward and feedback controllers.
     Ssid,
+    /// The two-stimulus estimate: feedback and feedforward from a command and a disturbance, line by line and by structure.
+    TwoStimulus,
     /// The cost for which a feedback gain is optimal.
     InverseLqr,
     /// The noise intensities for which a filter gain is optimal.
@@ -24,8 +26,8 @@ pub enum Kind {
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 5] =
-        [Self::FrequencyResponse, Self::Ssid, Self::InverseLqr, Self::InverseLqe, Self::InverseLqg];
+    pub const ALL: [Self; 6] =
+        [Self::FrequencyResponse, Self::Ssid, Self::TwoStimulus, Self::InverseLqr, Self::InverseLqe, Self::InverseLqg];
 
     /// The name on the wire.
     #[must_use]
@@ -33,6 +35,7 @@ impl Kind {
         match self {
             Self::FrequencyResponse => "frequency_response",
             Self::Ssid => "ssid",
+            Self::TwoStimulus => "two_stimulus",
             Self::InverseLqr => "inverse_lqr",
             Self::InverseLqe => "inverse_lqe",
             Self::InverseLqg => "inverse_lqg",

@@ -16,6 +16,7 @@ pub mod ssid;
 pub mod ssid_mimo;
 pub mod trial_input;
 pub mod trial_problem;
+pub mod two_stimulus;
 
 pub use crate::identify::search::Shared;
 pub use inputs::{Library, References, StoredTrial};

@@ -4,7 +4,7 @@ use super::inputs::{Library, References};
 use super::kind::{Kind, Request};
 use super::problem::Problem;
 use super::report::Report;
-use super::{frequency_response, inverse, ssid, ssid_mimo};
+use super::{frequency_response, inverse, ssid, ssid_mimo, two_stimulus};
 use crate::num::{Ctl, Stopped};
 
 /// A checked request: everything that can be checked without its inputs has been.
@@ -14,6 +14,8 @@ pub enum Plan {
     FrequencyResponse(frequency_response::Plan),
     /// See [`ssid`].
     Ssid(ssid::Plan),
+    /// See [`two_stimulus`].
+    TwoStimulus(two_stimulus::Plan),
     /// See [`inverse`]: three kinds.
     Inverse(inverse::Plan),
     /// Kind `ssid` with several inputs and outputs; see [`ssid_mimo`].
@@ -41,6 +43,7 @@ impl Plan {
             Kind::FrequencyResponse => frequency_response::Plan::parse(request).map(Self::FrequencyResponse),
             Kind::Ssid if ssid_mimo::is_asked_for(request) => ssid_mimo::Plan::parse(request).map(Self::SsidMimo),
             Kind::Ssid => ssid::Plan::parse(request).map(Self::Ssid),
+            Kind::TwoStimulus => two_stimulus::Plan::parse(request).map(Self::TwoStimulus),
             kind @ (Kind::InverseLqr | Kind::InverseLqe | Kind::InverseLqg) => {
                 inverse::Plan::parse(request, kind).map(Self::Inverse)
             }
@@ -53,6 +56,7 @@ impl Plan {
         match self {
             Self::FrequencyResponse(_) => Kind::FrequencyResponse,
             Self::Ssid(_) | Self::SsidMimo(_) => Kind::Ssid,
+            Self::TwoStimulus(_) => Kind::TwoStimulus,
             Self::Inverse(plan) => plan.kind(),
         }
     }
@@ -63,6 +67,7 @@ impl Plan {
         match self {
             Self::FrequencyResponse(plan) => plan.references(),
             Self::Ssid(plan) => plan.references(),
+            Self::TwoStimulus(plan) => plan.references(),
             Self::Inverse(plan) => plan.references(),
             Self::SsidMimo(plan) => plan.references(),
         }
@@ -74,6 +79,7 @@ impl Plan {
         match self {
             Self::FrequencyResponse(plan) => plan.request(),
             Self::Ssid(plan) => plan.request(),
+            Self::TwoStimulus(plan) => plan.request(),
             Self::Inverse(plan) => plan.request(),
             Self::SsidMimo(plan) => plan.request(),
         }
@@ -89,6 +95,7 @@ impl Plan {
         match self {
             Self::FrequencyResponse(plan) => plan.run(library, ctl),
             Self::Ssid(plan) => plan.run(library, ctl),
+            Self::TwoStimulus(plan) => plan.run(library, ctl),
             Self::Inverse(plan) => plan.run(library, ctl),
             Self::SsidMimo(plan) => plan.run(library, ctl),
         }

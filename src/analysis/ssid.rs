@@ -12,7 +12,7 @@
 
 mod delay_spec;
 mod inputs;
-mod problems;
+pub(super) mod problems;
 mod refined;
 mod result;
 mod spec;

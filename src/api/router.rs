@@ -11,6 +11,7 @@ use crate::analysis::frequency_response::{FrequencyResponseResult, FrequencyResp
 use crate::analysis::inverse::{Comparand, InverseLqgSpec, InverseLqrResult, InverseSpec, Trajectory};
 use crate::analysis::ssid::{FrequencyResponseInput, SsidResult, SsidSpec};
 use crate::analysis::ssid_mimo::{SsidMimoInputs, SsidMimoResult, SsidMimoSpec};
+use crate::analysis::two_stimulus::{StimulusResponsesInput, TwoStimulusResult, TwoStimulusSpec};
 use axum::Router;
 use utoipa::openapi::header::HeaderBuilder;
 use utoipa::openapi::path::{Operation, ParameterIn};
@@ -37,6 +38,9 @@ use utoipa_axum::routes;
         FrequencyResponseInput,
         SsidSpec,
         SsidResult,
+        StimulusResponsesInput,
+        TwoStimulusSpec,
+        TwoStimulusResult,
         InverseSpec,
         InverseLqgSpec,
         InverseLqrResult,

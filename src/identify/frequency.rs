@@ -27,6 +27,7 @@ mod excited;
 mod segments;
 mod settings;
 mod spectrum;
+pub mod stimuli;
 mod variance;
 mod warnings;
 

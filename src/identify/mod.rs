@@ -11,4 +11,5 @@ pub mod refine;
 pub mod search;
 pub mod ssid;
 pub mod time;
+pub mod two_stimulus;
 pub mod validation;

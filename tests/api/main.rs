@@ -15,4 +15,5 @@ mod service;
 mod studies;
 mod subjects;
 mod trials;
+mod two_stimulus;
 mod uploads;

@@ -128,6 +128,48 @@ fn run_takes_matrices_of_frequency_data() {
 }
 
 #[test]
+fn run_estimates_from_two_stimuli() {
+    use num_complex::Complex64;
+    use volition::control::{Continuous, TransferFunction};
+    // 1/s, feedback 2.5 e^{−0.15 s}/(0.3 s + 1), feedforward 0.7 s e^{−0.2 s}/(0.1 s + 1).
+    let plant = TransferFunction::new(&[1.0], &[1.0, 0.0], Continuous).unwrap();
+    let laws = |w: f64| {
+        let s = Complex64::new(0.0, w);
+        (2.5 * (-0.15 * s).exp() / (1.0 + 0.3 * s), 0.7 * s * (-0.2 * s).exp() / (1.0 + 0.1 * s))
+    };
+    let omega: Vec<f64> = (1..=12).map(|k| 0.6 * f64::from(k)).collect();
+    let (mut h_yr, mut h_yd) = (Vec::new(), Vec::new());
+    for w in &omega {
+        let (g, (fb, ff)) = (plant.response(*w), laws(*w));
+        let (r, d) = (g * (ff + fb) / (1.0 + g * fb), g / (1.0 + g * fb));
+        h_yr.push([r.re, r.im]);
+        h_yd.push([d.re, d.im]);
+    }
+    let document = json!({
+        "kind": "two_stimulus",
+        "inputs": {
+            "plant": {"num": [1.0], "den": [1.0, 0.0], "sample_time_s": null},
+            "frequency_response": {"omega_rad_s": omega, "h_yr": h_yr, "h_yd": h_yd}
+        }
+    });
+    let output = run(&document.to_string());
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    for (line, w) in report["result"]["lines"].as_array().unwrap().iter().zip(&omega) {
+        let (fb, ff) = laws(*w);
+        for (which, truth) in [("feedback", fb), ("feedforward", ff)] {
+            let value: [f64; 2] = serde_json::from_value(line[which]["value"].clone()).unwrap();
+            assert!((Complex64::new(value[0], value[1]) - truth).norm() < 1e-9, "{which} at {w}: {value:?} {truth}");
+        }
+    }
+    let mut alone = document.clone();
+    alone["inputs"]["frequency_response"]["h_yd"] = json!(vec![Value::Null; omega.len()]);
+    let refused = run(&alone.to_string());
+    assert_eq!(refused.status.code(), Some(1));
+    assert_eq!(problem(&refused)["code"], "not_identifiable");
+}
+
+#[test]
 fn the_same_document_gives_the_same_result() {
     let hash = |output: Output| -> Value {
         serde_json::from_slice::<Value>(&output.stdout).unwrap()["provenance"]["result_sha256"].clone()

@@ -13,7 +13,7 @@ use crate::identify::ssid::SsidError;
 const SAME_SAMPLE_TIME: f64 = 1e-5;
 
 /// The plant as a checked system.
-pub(super) fn check_plant(plant: &Model, location: &str) -> Result<System, Problem> {
+pub(in crate::analysis) fn check_plant(plant: &Model, location: &str) -> Result<System, Problem> {
     plant.check().map_err(|error| {
         let problem = Problem::new(Code::Invalid, "unusable plant", error.to_string()).at(location.to_owned());
         if matches!(error, ModelError::Conversion(ConversionError::NotSingle { .. })) {
@@ -28,7 +28,7 @@ pub(super) fn check_plant(plant: &Model, location: &str) -> Result<System, Probl
 }
 
 /// The plant that all trials were recorded on.
-pub(super) fn common_plant(trials: &[ResolvedTrial]) -> Result<System, Problem> {
+pub(in crate::analysis) fn common_plant(trials: &[ResolvedTrial]) -> Result<System, Problem> {
     let mut common: Option<(System, &str)> = None;
     for trial in trials {
         let Some(model) = trial.plant() else {
@@ -79,7 +79,7 @@ pub(super) fn held_out(
 }
 
 /// A sampled plant must have the trials' sample time.
-pub(super) fn check_sample_times(plant: &System, trials: &[ResolvedTrial]) -> Result<(), Problem> {
+pub(in crate::analysis) fn check_sample_times(plant: &System, trials: &[ResolvedTrial]) -> Result<(), Problem> {
     let Some(period) = plant.sample_time_s() else { return Ok(()) };
     for trial in trials {
         let own = trial.trial().sample_time_s;
@@ -94,7 +94,7 @@ pub(super) fn check_sample_times(plant: &System, trials: &[ResolvedTrial]) -> Re
 }
 
 /// The problem of an error; [`SsidError::Stopped`] is none, and for the caller to tell apart.
-pub(super) fn problem(error: &SsidError) -> Problem {
+pub(in crate::analysis) fn problem(error: &SsidError) -> Problem {
     let new = |code, title: &str| Problem::new(code, title, error.to_string());
     match error {
         SsidError::Stopped(_) => new(Code::Internal, "stopped"),

@@ -1,0 +1,313 @@
+//! The two-stimulus estimate: kind `two_stimulus`.
+//!
+//! ```json
+//! {"kind": "two_stimulus", "inputs": {"trials": ["ID", "ID"], "validate_on": ["ID"]},
+//!  "spec": {"frequency": {"segments": {"length_s": 20, "start_s": 5}}}}
+//! {"kind": "two_stimulus", "inputs": {"plant": {"num": [1], "den": [1, 0]},
+//!                                     "frequency_response": {"omega_rad_s": [0.6, 1.3], "h_yr": [[1.1, 0.1], [0.9, -0.2]],
+//!                                                            "h_yd": [[0.4, 0.1], [0.3, -0.1]]}}}
+//! ```
+//! Trials carry r, u, y and, some of them at least, a disturbance d at the plant's input. The method is that of
+//! [`identify::two_stimulus`](crate::identify::two_stimulus).
+
+mod findings;
+mod inputs;
+mod pool;
+mod result;
+mod spec;
+
+use super::frequency_problem;
+use super::frequency_response::divergent_warning;
+use super::inputs::{Library, References};
+use super::kind::{Kind, Request};
+use super::plan::Failure;
+use super::problem::{Code, Problem};
+use super::report::{Report, Warning, sha256_json};
+use super::ssid::problems;
+use super::trial_input::{ResolvedTrial, inputs_sha256};
+use crate::control::System;
+use crate::identify::frequency::stimuli::stimulus_lines;
+use crate::identify::frequency::{FrequencyError, Stimulus};
+use crate::identify::two_stimulus::controllers::{Controllers, controllers};
+use crate::identify::two_stimulus::fit::{FitError, FitSettings, Fitted, fit};
+use crate::identify::two_stimulus::responses::{LineResponse, responses};
+use crate::identify::two_stimulus::simulate::{BEYOND_LINES, accounted_for, simulate};
+use crate::identify::two_stimulus::structure::{FeedforwardLaw, Person, Structure};
+use crate::num::Ctl;
+use crate::trial::Trial;
+pub use inputs::{StimulusResponsesInput, TwoStimulusInputs};
+use num_complex::Complex64;
+pub use pool::PoolResult;
+pub use result::{
+    Agreement, ControllerAtLine, FittedAtLine, FittedLine, FittedParameter, Shares, StructureFit, TrialShare,
+    TwoStimulusLine, TwoStimulusResult,
+};
+use serde_json::json;
+use spec::CheckedSpec;
+pub use spec::TwoStimulusSpec;
+use std::collections::BTreeMap;
+
+/// Version of [`TwoStimulusResult`].
+const RESULT_VERSION: u32 = 1;
+
+/// A checked request.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    inputs: TwoStimulusInputs,
+    /// Boxed: it is much larger than the plans of other kinds.
+    spec: Box<CheckedSpec>,
+}
+
+/// What the inputs give the estimate.
+struct Material {
+    plant: System,
+    lines: Vec<LineResponse>,
+    trials: Vec<ResolvedTrial>,
+    held_out: Vec<ResolvedTrial>,
+    warnings: Vec<Warning>,
+    hashes: BTreeMap<String, String>,
+}
+
+impl Plan {
+    /// Checks a request.
+    ///
+    /// # Errors
+    /// A [`Problem`] with the JSON pointer of what is wrong.
+    pub fn parse(request: &Request) -> Result<Self, Problem> {
+        let inputs = TwoStimulusInputs::parse(&request.inputs)?;
+        let spec = Box::new(CheckedSpec::parse(&request.spec, inputs.is_responses())?);
+        if let Some(plant) = inputs.inline_plant() {
+            problems::check_plant(plant, "/inputs/plant")?;
+        }
+        Ok(Self { inputs, spec })
+    }
+
+    /// The stored things that it needs.
+    #[must_use]
+    pub fn references(&self) -> References {
+        self.inputs.references()
+    }
+
+    /// The spec with its defaults filled in.
+    #[must_use]
+    pub fn spec(&self) -> &TwoStimulusSpec {
+        self.spec.written()
+    }
+
+    /// The request with its defaults filled in; parsing it again gives an equal plan.
+    #[must_use]
+    pub fn request(&self) -> Request {
+        let (inputs, spec) = (self.inputs.to_value(), json!(self.spec()));
+        Request { kind: Kind::TwoStimulus.name().to_owned(), inputs, spec }
+    }
+
+    /// Computes the report; progress counts segments, then starts of each fit.
+    ///
+    /// # Errors
+    /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question: `not_identifiable` where the
+    /// disturbance excites nothing, since the command alone does not determine the feedback.
+    pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
+        let Material { plant, lines, trials, held_out, mut warnings, hashes } = self.material(library, ctl)?;
+        if !lines.iter().any(|line| line.disturbance.is_some()) {
+            return Err(no_disturbance(&lines).into());
+        }
+        let free = controllers(&lines);
+        findings::of_estimate(&free, &plant, self.inputs.is_responses(), &mut warnings);
+        let mut fits = Vec::new();
+        for (i, structure) in self.spec().structures.iter().enumerate() {
+            fits.push(self.fitted(i, *structure, &plant, &free, &lines, &trials, &held_out, &mut warnings, ctl)?);
+        }
+        let best = (0..fits.len()).filter(|i| fits[*i].akaike.is_some()).min_by(|a, b| {
+            fits[*a].akaike.unwrap_or(f64::INFINITY).total_cmp(&fits[*b].akaike.unwrap_or(f64::INFINITY))
+        });
+        if let Some(best) = best {
+            findings::of_best(&fits[best], &mut warnings);
+        }
+        let sample_time_s = trials.first().map(|t| t.trial().sample_time_s);
+        let pool = match self.spec.pool() {
+            None => None,
+            Some((recipe, limit)) => Some(pool::best(recipe, &plant, sample_time_s, &lines, limit, ctl)?),
+        };
+        let result = TwoStimulusResult {
+            pool,
+            lines: free.lines.iter().map(Into::into).collect(),
+            inverse_distance: inverse_distance(&free, &plant),
+            fits,
+            best,
+        };
+        let spec = self.spec();
+        let seed = (!spec.structures.is_empty()).then_some(spec.seed);
+        Ok(Report::new(Kind::TwoStimulus, RESULT_VERSION, json!(result), warnings, json!(spec), hashes, seed))
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "one call, of what the run has at hand")]
+    fn fitted(
+        &self,
+        position: usize,
+        structure: Structure,
+        plant: &System,
+        free: &Controllers,
+        lines: &[LineResponse],
+        trials: &[ResolvedTrial],
+        held_out: &[ResolvedTrial],
+        warnings: &mut Vec<Warning>,
+        ctl: &Ctl,
+    ) -> Result<StructureFit, Failure> {
+        let spec = self.spec();
+        let logs: Vec<f64> = lines.iter().map(|line| line.omega_rad_s.ln()).collect();
+        let scale = crate::num::stats::mean(&logs).map_or(1.0, f64::exp);
+        let person = Person::new(plant, structure, spec.delay_s, scale).map_err(|error| {
+            Problem::new(Code::Invalid, "unusable structure", error.to_string())
+                .at(format!("/spec/structures/{position}/feedback"))
+                .mend("Lower the degree of the feedback's numerator, or add a lag.")
+        })?;
+        let settings = FitSettings { channel: spec.channel, starts: spec.starts, seed: spec.seed };
+        let fitted = match fit(lines, &person, &settings, ctl) {
+            Ok(fitted) => fitted,
+            Err(FitError::Stopped(stopped)) => return Err(stopped.into()),
+            Err(error) => {
+                if !matches!(error, FitError::NoCommand) {
+                    warnings.push(Warning::new("structure_not_fitted", format!("structure {}: {error}", position + 1)));
+                }
+                return Ok(StructureFit::failed(structure, error.to_string()));
+            }
+        };
+        let highest = lines.iter().map(|line| line.omega_rad_s).fold(0.0, f64::max);
+        let shares = |trials: &[ResolvedTrial]| {
+            (!trials.is_empty())
+                .then(|| Shares::new(trials.iter().map(|trial| share(&fitted, trial, highest)).collect()))
+        };
+        Ok(StructureFit::new(&fitted, free, shares(trials), shares(held_out)))
+    }
+
+    fn material(&self, library: &Library, ctl: &Ctl) -> Result<Material, Failure> {
+        match &self.inputs {
+            TwoStimulusInputs::Responses { plant, data } => {
+                let system = problems::check_plant(plant, "/inputs/plant")?;
+                let hashes = BTreeMap::from([
+                    ("/inputs/plant".to_owned(), sha256_json(&json!(plant))),
+                    ("/inputs/frequency_response".to_owned(), sha256_json(&json!(data))),
+                ]);
+                let mut lines = Vec::new();
+                for (k, omega) in data.omega_rad_s.iter().enumerate() {
+                    let response = system.response(*omega);
+                    if !(response.norm() > 0.0 && response.norm().is_finite()) {
+                        let detail = format!("the plant has a pole or a zero at {omega} rad/s");
+                        return Err(Problem::new(Code::NotIdentifiable, "line on a pole or zero of the plant", detail)
+                            .at(format!("/inputs/frequency_response/omega_rad_s/{k}"))
+                            .mend("Leave the line out.")
+                            .into());
+                    }
+                    let complex = |h: Option<[f64; 2]>| h.map(|[re, im]| Complex64::new(re, im));
+                    let variance = data.variance_yr.as_ref().zip(data.variance_yd.as_ref()).map(|(r, d)| [r[k], d[k]]);
+                    lines.push(LineResponse::from_output(
+                        *omega,
+                        response,
+                        complex(data.h_yr[k]),
+                        complex(data.h_yd[k]),
+                        variance,
+                    ));
+                }
+                let (trials, held_out, warnings) = (Vec::new(), Vec::new(), Vec::new());
+                Ok(Material { plant: system, lines, trials, held_out, warnings, hashes })
+            }
+            TwoStimulusInputs::Trials { trials: inputs, validate_on } => {
+                let trials = inputs.resolve(library)?;
+                let held_out = match validate_on {
+                    Some(held_out) => held_out.resolve(library).map_err(inputs::renamed)?,
+                    None => Vec::new(),
+                };
+                let held_out: Vec<ResolvedTrial> = held_out
+                    .into_iter()
+                    .map(|mut trial| {
+                        trial.name = trial.name.replacen("/inputs/trials", "/inputs/validate_on", 1);
+                        trial
+                    })
+                    .collect();
+                if let Some(twin) = held_out.iter().find(|h| trials.iter().any(|t| t.sha256 == h.sha256)) {
+                    let detail = "a trial to validate on is among those that are estimated from";
+                    return Err(Problem::new(Code::Invalid, "unusable inputs", detail)
+                        .at(twin.name.clone())
+                        .mend("Keep them apart: a model explains best what it was fitted to.")
+                        .into());
+                }
+                let all: Vec<ResolvedTrial> = trials.iter().chain(&held_out).cloned().collect();
+                let plant = problems::common_plant(&all)?;
+                problems::check_sample_times(&plant, &all)?;
+                let refs: Vec<&Trial> = trials.iter().map(ResolvedTrial::trial).collect();
+                let Some(settings) = self.spec.frequency() else {
+                    // The spec of trials always has settings; see `CheckedSpec::parse`.
+                    let detail = "the spec was checked for responses in the request";
+                    return Err(Problem::new(Code::Internal, "no frequency settings", detail).into());
+                };
+                let lines = stimulus_lines(&refs, settings, ctl).map_err(|error| match error {
+                    FrequencyError::Stopped(stopped) => Failure::Stopped(stopped),
+                    error => Failure::Problem(frequency_problem::problem(&error, &trials, "/spec/frequency")),
+                })?;
+                let mut warnings: Vec<Warning> = divergent_warning(&all).into_iter().collect();
+                warnings.extend(lines.warnings.iter().map(Warning::from));
+                if !lines.has(Stimulus::Disturbance) {
+                    return Err(no_disturbance(&[]).into());
+                }
+                let hashes = inputs_sha256(&all, true);
+                Ok(Material { plant, lines: responses(&lines), trials, held_out, warnings, hashes })
+            }
+        }
+    }
+}
+
+fn no_disturbance(lines: &[LineResponse]) -> Problem {
+    if lines.iter().any(|line| line.confounded) {
+        return Problem::new(
+            Code::NotIdentifiable,
+            "command and disturbance are confounded",
+            "command and disturbance excite the same lines in one proportion, so their effects cannot be told apart",
+        )
+        .at("/inputs")
+        .mend("Add a trial in which one of them has the other sign, or excite interleaved lines.");
+    }
+    Problem::new(
+        Code::NotIdentifiable,
+        "the feedback is not determined",
+        "the disturbance excites no line, and from the command alone feedback and feedforward cannot be told apart: every feedback \
+         has a feedforward with the same response",
+    )
+    .at("/inputs")
+    .mend("Add trials with a disturbance at the plant's input, or ask for ssid, which tells them apart by assumed degrees.")
+}
+
+/// The shares of a trial that the fitted loop accounts for, simulated from rest.
+fn share(fitted: &Fitted, trial: &ResolvedTrial, highest_rad_s: f64) -> TrialShare {
+    let recorded = trial.trial();
+    let signals = &recorded.signals;
+    let simulated = simulate(
+        |omega| fitted.closed_loop(omega),
+        &signals.command,
+        signals.disturbance.as_deref(),
+        recorded.sample_time_s,
+        BEYOND_LINES * highest_rad_s,
+    );
+    let [u, y] = simulated.map_or([None, None], |simulated| accounted_for(recorded, &simulated));
+    TrialShare { trial: trial.name.clone(), u, y }
+}
+
+/// Root mean square of `Gff G − 1`; `None` where the feedforward is known nowhere.
+fn inverse_distance(free: &Controllers, plant: &System) -> Option<f64> {
+    let squares: Vec<f64> = free
+        .lines
+        .iter()
+        .filter_map(|line| {
+            let distance = line.feedforward?.value * plant.response(line.response.omega_rad_s) - 1.0;
+            Some(distance.norm_sqr()).filter(|d| d.is_finite())
+        })
+        .collect();
+    crate::num::stats::mean(&squares).map(f64::sqrt)
+}
+
+/// Whether a structure asks for a feedforward.
+fn has_feedforward(structure: &Structure) -> bool {
+    structure.feedforward != FeedforwardLaw::None
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,192 @@
+//! How it is estimated: as written, and checked.
+
+use crate::analysis::frequency_problem;
+use crate::analysis::problem::{Code, Problem};
+use crate::identify::frequency::{CheckedSettings, FrequencySettings};
+use crate::identify::pool::{Degrees, PoolSpec, Recipe};
+use crate::identify::two_stimulus::fit::Channel;
+use crate::identify::two_stimulus::structure::Structure;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+/// Structures fitted at most, and starts of each.
+const MOST_STRUCTURES: usize = 20;
+const MOST_STARTS: usize = 200;
+
+/// Candidates of a pool where the spec does not say otherwise.
+const MAX_CANDIDATES: u64 = 100_000_000;
+
+/// The spec.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct TwoStimulusSpec {
+    /// The structures that are fitted. Default: McRuer's ladder, that is error feedback with lead, lag and delay; the same with feedforward by
+    /// the plant's inverse with gain, lag and delay; the same with a neuromuscular lag. An empty list fits none.
+    pub structures: Vec<Structure>,
+    /// How trials are transformed. Default: the excited lines of the whole record. Must be absent with responses in the request; `average` has no
+    /// effect (trials are combined by least squares).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frequency: Option<FrequencySettings>,
+    /// A pool that is searched for the candidate nearest to both responses, exactly. Default: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pool: Option<PoolSpec>,
+    /// Degree of the pool's feedforward numerator. Default: by the pool.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub feedforward_numerator_degree: Option<usize>,
+    /// Degree of the pool's feedforward denominator. Default: by the pool.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub feedforward_denominator_degree: Option<usize>,
+    /// Degree of the pool's feedback numerator. Default: by the pool.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub feedback_numerator_degree: Option<usize>,
+    /// Degree of the pool's feedback denominator. Default: by the pool.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub feedback_denominator_degree: Option<usize>,
+    /// Larger pools are refused. Default: 1e8, where there is a pool.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_candidates: Option<u64>,
+    /// Which responses are fitted. Default: those of the control for trials, those of the output for responses in the request.
+    pub channel: Channel,
+    /// The range in which delays are sought. Default: 0.02 to 1 s.
+    pub delay_s: [f64; 2],
+    /// Starts of each fit. Default: 8.
+    pub starts: usize,
+    /// The seed of the starts. Default: 0.
+    pub seed: u64,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Written {
+    structures: Option<Vec<Structure>>,
+    frequency: Option<Map<String, Value>>,
+    pool: Option<PoolSpec>,
+    feedforward_numerator_degree: Option<usize>,
+    feedforward_denominator_degree: Option<usize>,
+    feedback_numerator_degree: Option<usize>,
+    feedback_denominator_degree: Option<usize>,
+    max_candidates: Option<u64>,
+    channel: Option<Channel>,
+    delay_s: Option<[f64; 2]>,
+    starts: Option<usize>,
+    seed: Option<u64>,
+}
+
+/// A checked spec.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct CheckedSpec {
+    written: TwoStimulusSpec,
+    recipe: Option<Recipe>,
+    frequency: Option<CheckedSettings>,
+}
+
+fn wrong(detail: impl Into<String>, location: impl Into<String>) -> Problem {
+    Problem::new(Code::Invalid, "unusable spec", detail).at(location)
+}
+
+impl CheckedSpec {
+    /// Checks the `spec` of a request.
+    pub(super) fn parse(spec: &Value, is_responses: bool) -> Result<Self, Problem> {
+        let Value::Object(members) = spec else {
+            return Err(wrong("the spec is no object", "/spec"));
+        };
+        // One at a time first, since the deserialiser does not say where it stopped.
+        for (name, value) in members {
+            let alone = Value::Object(Map::from_iter([(name.clone(), value.clone())]));
+            if let Err(error) = serde_json::from_value::<Written>(alone) {
+                let location = format!("/spec/{}", name.replace('~', "~0").replace('/', "~1"));
+                return Err(wrong(error.to_string(), location));
+            }
+        }
+        let written: Written =
+            serde_json::from_value(spec.clone()).map_err(|error| wrong(error.to_string(), "/spec"))?;
+        let frequency = match (written.frequency, is_responses) {
+            (Some(_), true) => {
+                return Err(wrong(
+                    "there are frequency settings, but no trial that they could apply to",
+                    "/spec/frequency",
+                )
+                .mend("Leave them out: the request carries its responses."));
+            }
+            (None, true) => None,
+            (members, false) => {
+                Some(frequency_problem::parse_settings(members.unwrap_or_default(), "/spec/frequency")?)
+            }
+        };
+        let degrees = Degrees {
+            feedforward_numerator: written.feedforward_numerator_degree,
+            feedforward_denominator: written.feedforward_denominator_degree,
+            feedback_numerator: written.feedback_numerator_degree,
+            feedback_denominator: written.feedback_denominator_degree,
+        };
+        let recipe = match &written.pool {
+            None => None,
+            Some(pool) => Some(pool.check(degrees).map_err(|error| {
+                let code = if error.too_large { Code::Unaffordable } else { Code::Invalid };
+                Problem::new(code, "unusable candidate pool", error.message.clone())
+                    .at(format!("/spec/{}", error.field))
+            })?),
+        };
+        let stray = [
+            ("feedforward_numerator_degree", written.feedforward_numerator_degree.is_some()),
+            ("feedforward_denominator_degree", written.feedforward_denominator_degree.is_some()),
+            ("feedback_numerator_degree", written.feedback_numerator_degree.is_some()),
+            ("feedback_denominator_degree", written.feedback_denominator_degree.is_some()),
+            ("max_candidates", written.max_candidates.is_some()),
+        ];
+        if let Some((name, _)) = stray.iter().find(|(_, is_given)| *is_given && recipe.is_none()) {
+            return Err(wrong("it belongs to a pool, and there is none", format!("/spec/{name}")));
+        }
+        let structure = recipe.as_ref().map(Recipe::structure);
+        let structures = written.structures.unwrap_or_else(|| {
+            vec![Structure::mcruer(false, false), Structure::mcruer(true, false), Structure::mcruer(true, true)]
+        });
+        if structures.len() > MOST_STRUCTURES {
+            let detail = format!("there are {} structures, and {MOST_STRUCTURES} are fitted at most", structures.len());
+            return Err(wrong(detail, "/spec/structures"));
+        }
+        let delay_s = written.delay_s.unwrap_or([0.02, 1.0]);
+        let is_range = delay_s[0] >= 0.0 && delay_s[0] < delay_s[1] && delay_s[1] <= 10.0;
+        if !is_range {
+            return Err(wrong(
+                format!("delays from {} to {} s are no range within 0 to 10 s", delay_s[0], delay_s[1]),
+                "/spec/delay_s",
+            ));
+        }
+        let starts = written.starts.unwrap_or(8);
+        if !(1..=MOST_STARTS).contains(&starts) {
+            return Err(wrong(format!("there are {starts} starts; 1 to {MOST_STARTS} are made"), "/spec/starts"));
+        }
+        let default = if is_responses { Channel::Output } else { Channel::Control };
+        let written = TwoStimulusSpec {
+            structures,
+            frequency: frequency.as_ref().map(|f| f.settings().clone()),
+            max_candidates: recipe.as_ref().map(|_| written.max_candidates.unwrap_or(MAX_CANDIDATES)),
+            pool: written.pool,
+            feedforward_numerator_degree: structure.map(|s| s.feedforward_numerator),
+            feedforward_denominator_degree: structure.map(|s| s.feedforward_denominator),
+            feedback_numerator_degree: structure.map(|s| s.feedback_numerator),
+            feedback_denominator_degree: structure.map(|s| s.feedback_denominator),
+            channel: written.channel.unwrap_or(default),
+            delay_s,
+            starts,
+            seed: written.seed.unwrap_or(0),
+        };
+        Ok(Self { written, recipe, frequency })
+    }
+
+    /// With its defaults filled in.
+    pub(super) fn written(&self) -> &TwoStimulusSpec {
+        &self.written
+    }
+
+    /// The pool, with the most candidates that are searched.
+    pub(super) fn pool(&self) -> Option<(&Recipe, u64)> {
+        self.recipe.as_ref().zip(self.written.max_candidates)
+    }
+
+    /// How trials are transformed; `None` where the request carries responses.
+    pub(super) fn frequency(&self) -> Option<&CheckedSettings> {
+        self.frequency.as_ref()
+    }
+}
