@@ -109,7 +109,7 @@ fn between_interleaved_lines_the_feedback_is_interpolated_with_its_error_stated_
     for line in &found.lines {
         let omega = line.response.omega_rad_s;
         let k = (omega / TAU / STEP_HZ).round() as u32;
-        let outside = k < 3 || k > 29;
+        let outside = !(3..=29).contains(&k);
         assert_eq!(line.feedback.is_none(), outside, "{k}");
         let Some(fb) = line.feedback else { continue };
         let error = relative(fb.value, subject.feedback_response(omega));

@@ -416,7 +416,7 @@ fn assemble(
         equations: count,
         reduced_chi_square: reduced.filter(|_| weighted),
         p_value: (weighted && freedoms > 0.0).then(|| 1.0 - chi_square_cdf(best.cost, freedoms)),
-        akaike: weighted.then(|| best.cost + 2.0 * values.len() as f64),
+        akaike: weighted.then_some(best.cost + 2.0 * values.len() as f64),
         values,
         starts_agreeing,
         starts,

@@ -262,7 +262,7 @@ impl LineResponse {
                     return Complex64::default();
                 }
                 // δ_u = δ_y/G.
-                let factor = |i: usize| if i % 2 == 0 { plant.inv() } else { Complex64::from(1.0) };
+                let factor = |i: usize| if i.is_multiple_of(2) { plant.inv() } else { Complex64::from(1.0) };
                 factor(a) * factor(b).conj() * variance[a / 2]
             })
         });
