@@ -12,6 +12,7 @@ mod limits;
 mod openapi;
 mod plants;
 mod service;
+mod ssid;
 mod studies;
 mod subjects;
 mod trials;
