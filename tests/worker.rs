@@ -10,9 +10,9 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
 use volition::analysis::ids::{AnalysisId, TrialId};
-use volition::analysis::{Code, Failure, Kind, Library, Problem, References, Report, Request};
+use volition::analysis::{Code, Failure, Incumbent, Kind, Library, Problem, References, Report, Request};
 use volition::jobs::Status;
-use volition::num::{Ctl, Progress, StopReason, Stopped};
+use volition::num::{Bracket, Ctl, Progress, StopReason, Stopped};
 use volition::store::{AnalysisRecord, NewAnalysis, Store, StoreError};
 use volition::worker::{Drained, Execute, Work, Worker, WorkerSettings};
 
@@ -290,6 +290,44 @@ async fn a_deadline_is_a_problem() {
     let worker = bench.start(WorkerSettings { deadline_s: Some(0.1), ..quick() });
     assert_eq!(bench.finished(id).await.problem.unwrap().code, Code::DeadlineExceeded);
     worker.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_a_stopped_search_had_found_stays() {
+    let bench = Bench::new().await;
+    let (go_on, may_go_on) = channel::<()>();
+    let may_go_on = Mutex::new(may_go_on);
+    bench.script("search", move |_, ctl| {
+        ctl.set_bracket(Bracket { incumbent: 2.0, bound: 0.5, index: 11 });
+        let _ = may_go_on.lock().unwrap().recv();
+        while ctl.check().is_ok() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        // Found after the last heartbeat.
+        ctl.set_bracket(Bracket { incumbent: 1.5, bound: 1.0, index: 12 });
+        let model: volition::control::Model = serde_json::from_value(json!({"num": [1.0], "den": [1.0, 3.0]})).unwrap();
+        let incumbent = Box::new(Incumbent { feedforward: model.clone(), feedback: model });
+        Err(Failure::Interrupted { stopped: ctl.check().unwrap_err(), incumbent })
+    });
+    let last = Some(Bracket { incumbent: 1.5, bound: 1.0, index: 12 });
+    let id = bench.queue("search").await;
+    let worker = bench.start(quick());
+    bench.until(id, |record| record.bracket == Some(Bracket { incumbent: 2.0, bound: 0.5, index: 11 })).await;
+    bench.store.request_cancel(id).await.unwrap();
+    go_on.send(()).unwrap();
+    let cancelled = bench.finished(id).await;
+    assert_eq!((cancelled.status, cancelled.bracket), (Status::Cancelled, last));
+    assert!(cancelled.incumbent.is_some());
+    worker.stop().await;
+
+    drop(go_on);
+    let id = bench.queue("search").await;
+    let worker = bench.start(WorkerSettings { deadline_s: Some(0.1), ..quick() });
+    let late = bench.finished(id).await;
+    assert_eq!((late.status, late.bracket), (Status::Failed, last));
+    assert!(late.incumbent.is_some() && late.problem.unwrap().code == Code::DeadlineExceeded);
+    worker.stop().await;
+    bench.assert_nothing_left().await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

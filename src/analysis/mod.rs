@@ -21,7 +21,7 @@ pub mod two_stimulus;
 pub use crate::identify::search::Shared;
 pub use inputs::{Library, References, StoredTrial};
 pub use kind::{Kind, Request};
-pub use plan::{Failure, Plan};
+pub use plan::{Failure, Incumbent, Plan};
 pub use problem::{Code, Problem};
 pub use report::{Effort, Provenance, Report, Warning};
 pub use trial_input::{PlantNeed, ResolvedTrial, TrialInputs};

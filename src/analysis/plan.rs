@@ -5,7 +5,10 @@ use super::kind::{Kind, Request};
 use super::problem::Problem;
 use super::report::Report;
 use super::{frequency_response, inverse, ssid, ssid_mimo, two_stimulus};
+use crate::control::Model;
 use crate::num::{Ctl, Stopped};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// A checked request: everything that can be checked without its inputs has been.
 #[derive(Debug, Clone)]
@@ -28,9 +31,26 @@ pub enum Failure {
     /// Somebody asked it to stop.
     #[error(transparent)]
     Stopped(#[from] Stopped),
+    /// Somebody asked it to stop, and this is the best that it had found until then.
+    #[error("{stopped}")]
+    Interrupted {
+        /// Why it was stopped.
+        stopped: Stopped,
+        /// What it had found; its cost is that of [`Ctl::bracket`].
+        incumbent: Box<Incumbent>,
+    },
     /// It cannot be done, for a reason that the person who asked can read.
     #[error(transparent)]
     Problem(#[from] Problem),
+}
+
+/// The controllers of the best candidate that an unfinished search has found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Incumbent {
+    /// Gff.
+    pub feedforward: Model,
+    /// Gfb.
+    pub feedback: Model,
 }
 
 impl Plan {
@@ -90,7 +110,7 @@ impl Plan {
     /// Runs on the rayon pool that it is called in.
     ///
     /// # Errors
-    /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question.
+    /// [`Failure::Stopped`] or [`Failure::Interrupted`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question.
     pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
         match self {
             Self::FrequencyResponse(plan) => plan.run(library, ctl),

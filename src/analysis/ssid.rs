@@ -22,7 +22,7 @@ use super::frequency_problem;
 use super::frequency_response::divergent_warning;
 use super::inputs::{Library, References};
 use super::kind::{Kind, Request};
-use super::plan::Failure;
+use super::plan::{Failure, Incumbent};
 use super::problem::{Code, Problem};
 use super::report::{Effort, Report, Warning};
 use super::trial_input::{ResolvedTrial, inputs_sha256};
@@ -105,7 +105,7 @@ impl Plan {
     /// Computes the report; progress counts candidates.
     ///
     /// # Errors
-    /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question.
+    /// [`Failure::Stopped`] or [`Failure::Interrupted`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question.
     pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
         let Material { plant, data, trials, held_out, noise, mut warnings, hashes } = self.material(library, ctl)?;
         let written = self.spec();
@@ -118,6 +118,13 @@ impl Plan {
         let search = Automatic { method: written.search, shared: &library.shared };
         let found = identify(&plant, &data, &settings, &search, ctl).map_err(|error| match error {
             SsidError::Stopped(stopped) => Failure::Stopped(stopped),
+            SsidError::Interrupted(interrupted) => Failure::Interrupted {
+                stopped: interrupted.stopped,
+                incumbent: Box::new(Incumbent {
+                    feedforward: interrupted.feedforward.to_model(),
+                    feedback: interrupted.feedback.to_model(),
+                }),
+            },
             error => Failure::Problem(problems::problem(&error)),
         })?;
         warnings.extend(found.findings.iter().map(|f| Warning::new(f.code, f.message.clone())));

@@ -9,8 +9,9 @@ use super::state::AppState;
 use super::{created, no_content};
 use crate::analysis::ids::{AnalysisId, StudyId, TrialId};
 use crate::analysis::report::sha256_json;
-use crate::analysis::{Code, Kind, Plan, Problem, Report, Request};
+use crate::analysis::{Code, Incumbent, Kind, Plan, Problem, Report, Request};
 use crate::jobs::Status;
+use crate::num::Bracket;
 use crate::store::{AnalysisFilter, AnalysisRecord, NewAnalysis, StoreError};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, Uri};
@@ -72,6 +73,36 @@ pub struct ProgressView {
     /// Seconds left; null while that is not known.
     #[schema(required = true)]
     eta_s: Option<f64>,
+    /// How near the search for a best candidate is; only while it goes on, and where it was cancelled or its time has passed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    bracket: Option<BracketView>,
+}
+
+/// Between which two values the smallest cost of a pool lies. An analysis may search several pools, one after another; this is of
+/// the search under way, or of the last one.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Bracket)]
+pub struct BracketView {
+    /// The smallest cost found so far.
+    cost: f64,
+    /// What every candidate is proven to cost at least.
+    lower_bound: f64,
+    /// The candidate with that cost, by its index in the pool.
+    index: u64,
+    /// (cost − lower_bound)/cost: from 1, nothing is proven, to 0, no candidate costs less.
+    gap: f64,
+    /// That candidate, where the search was stopped.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    controllers: Option<Incumbent>,
+}
+
+impl BracketView {
+    fn new(bracket: Bracket, controllers: Option<Incumbent>) -> Self {
+        let Bracket { incumbent, bound, index } = bracket;
+        Self { cost: incumbent, lower_bound: bound, index, gap: bracket.gap(), controllers }
+    }
 }
 
 /// Where to go on from an analysis.
@@ -105,7 +136,12 @@ impl AnalysisView {
             kind: record.kind,
             status: record.status,
             attempts: record.attempts,
-            progress: ProgressView { done: record.progress.done, total: record.progress.total, eta_s: record.eta_s },
+            progress: ProgressView {
+                done: record.progress.done,
+                total: record.progress.total,
+                eta_s: record.eta_s,
+                bracket: record.bracket.map(|bracket| BracketView::new(bracket, record.incumbent)),
+            },
             cancel_requested: record.cancel_requested,
             problem: record.problem,
             study: record.study,

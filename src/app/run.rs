@@ -1,7 +1,7 @@
 //! `volition run SPEC.json`: one analysis without a server or a database.
 
 use crate::analysis::{Code, Failure, Library, Plan, Problem, Request};
-use crate::num::{Ctl, StopReason};
+use crate::num::{Bracket, Ctl, StopReason};
 use crate::worker::compute;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fs::File;
@@ -45,8 +45,12 @@ pub fn run(path: &Path, compute_threads: usize) -> anyhow::Result<ExitCode> {
             let code = if blames_the_input(problem.code) { BAD_INPUT } else { FAILED };
             refuse(&problem, code)
         }
-        Err(Failure::Stopped(stopped)) => {
-            let problem = Problem::new(Code::DeadlineExceeded, "the analysis was stopped", stopped.to_string())
+        Err(Failure::Stopped(stopped) | Failure::Interrupted { stopped, .. }) => {
+            let found = ctl.bracket().map_or_else(String::new, |bracket| {
+                let Bracket { incumbent, bound, index } = bracket;
+                format!("; the best candidate until then is {index} with the cost {incumbent:e}, and none costs less than {bound:e}")
+            });
+            let problem = Problem::new(Code::DeadlineExceeded, "the analysis was stopped", format!("{stopped}{found}"))
                 .mend("Run it again and let it finish.");
             refuse(&problem, FAILED)
         }

@@ -16,7 +16,7 @@ use crate::control::time_base::BadSampleTime;
 use crate::control::two_dof::TwoDegreesOfFreedom;
 use crate::control::{Continuous, Discrete, System, TimeBase, TransferFunction};
 use crate::num::linalg::NoConvergence;
-use crate::num::{Ctl, Stopped};
+use crate::num::{Bracket, Ctl, Stopped};
 use num_complex::Complex64;
 
 /// How lines are weighted.
@@ -46,9 +46,12 @@ pub struct Settings {
 /// Why nothing was identified.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SsidError {
-    /// Somebody asked it to stop.
+    /// Somebody asked it to stop, before a candidate was found.
     #[error(transparent)]
     Stopped(#[from] Stopped),
+    /// Somebody asked it to stop, and these are the best controllers found until then.
+    #[error("{}", .0.stopped)]
+    Interrupted(Box<Interrupted>),
     /// Recipe and plant make no pool.
     #[error(transparent)]
     Pool(PoolError),
@@ -109,6 +112,17 @@ impl From<PoolError> for SsidError {
             error => Self::Pool(error),
         }
     }
+}
+
+/// What a stopped search had found. Its cost and how far it may be from the smallest one are in [`Ctl::bracket`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Interrupted {
+    /// Why it was stopped.
+    pub stopped: Stopped,
+    /// Gff of the incumbent.
+    pub feedforward: System,
+    /// Gfb of the incumbent.
+    pub feedback: System,
 }
 
 /// A finding that must be read before the result is used.
@@ -211,19 +225,13 @@ pub fn identify(
             limit: settings.max_candidates,
         });
     }
-    let optimum = search.search(&problem, &pool, ctl)?;
+    ctl.begin_search();
+    let optimum = search.search(&problem, &pool, ctl).map_err(|stopped| interrupted(stopped, &problem, &pool, ctl))?;
     if !optimum.cost.is_finite() {
         return Err(SsidError::NotFinite("cost: the data are too large"));
     }
-    let position = pool.position(optimum.index);
-    let candidate = pool.candidate(position);
-    let fit = exact::fit(&problem, &candidate);
-    let feedback_numerator: Vec<f64> =
-        candidate.feedback_numerator.iter().map(|c| candidate.feedback_gain * c).collect();
     let time = pool.region().time;
-    let feedforward = system(time, &fit.feedforward_numerator, &candidate.feedforward_denominator, "feedforward")?;
-    let feedback = system(time, &feedback_numerator, &candidate.feedback_denominator, "feedback")?;
-
+    let (_, [feedforward, feedback]) = controllers(&problem, &pool, optimum.index)?;
     let (closed_loop_poles, model) = closed_loop(&plant, &feedforward, &feedback, &lines.used)?;
     let slowest_exponent = time.slowest_exponent(&closed_loop_poles).filter(|e| e.is_finite());
     let cost_of_coefficients =
@@ -245,7 +253,7 @@ pub fn identify(
         findings: Vec::new(),
         optimum,
     };
-    identified.findings = findings(&identified, recipe, &pool, position);
+    identified.findings = findings(&identified, recipe, &pool, pool.position(identified.optimum.index));
     Ok(identified)
 }
 
@@ -260,6 +268,25 @@ fn weights(weights: Weights, data: &FrequencyData) -> Result<Option<Vec<f64>>, S
             Ok(Some(inverse.into_iter().map(|w| w / mean).collect()))
         }
     }
+}
+
+/// A candidate with its best feedforward numerator: its cost by QR, and Gff and Gfb.
+fn controllers(problem: &Problem, pool: &Pool, index: u64) -> Result<(f64, [System; 2]), SsidError> {
+    let candidate = pool.candidate(pool.position(index));
+    let fit = exact::fit(problem, &candidate);
+    let numerator: Vec<f64> = candidate.feedback_numerator.iter().map(|c| candidate.feedback_gain * c).collect();
+    let time = pool.region().time;
+    let feedforward = system(time, &fit.feedforward_numerator, &candidate.feedforward_denominator, "feedforward")?;
+    let feedback = system(time, &numerator, &candidate.feedback_denominator, "feedback")?;
+    Ok((fit.cost, [feedforward, feedback]))
+}
+
+/// What a stopped search leaves. Its incumbent gets the cost by QR, which is what a finished search would have said.
+fn interrupted(stopped: Stopped, problem: &Problem, pool: &Pool, ctl: &Ctl) -> SsidError {
+    let Some(bracket) = ctl.bracket().filter(|bracket| bracket.index < pool.size()) else { return stopped.into() };
+    let Ok((cost, [feedforward, feedback])) = controllers(problem, pool, bracket.index) else { return stopped.into() };
+    ctl.set_bracket(Bracket { incumbent: cost, ..bracket });
+    SsidError::Interrupted(Box::new(Interrupted { stopped, feedforward, feedback }))
 }
 
 fn system(time: Time, num: &[f64], den: &[f64], part: &'static str) -> Result<System, SsidError> {

@@ -1,10 +1,13 @@
 //! The handle between a computation and whoever waits for it.
 //!
 //! A kernel calls [`Ctl::check`] often enough to stop within half a second and reports its progress with
-//! [`Ctl::set_total`] and [`Ctl::advance`]. Whoever waits calls [`Ctl::stop`] and [`Ctl::progress`]. There is no clock
-//! here: a deadline is somebody with a clock calling `stop(StopReason::Deadline)`.
+//! [`Ctl::set_total`] and [`Ctl::advance`]; a search for a smallest cost tells with [`Ctl::set_bracket`] how near it is. Whoever waits
+//! calls [`Ctl::stop`], [`Ctl::progress`] and [`Ctl::bracket`]. There is no clock here: a deadline is somebody with a clock calling
+//! `stop(StopReason::Deadline)`.
 
+use super::bracket::Bracket;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Why a computation was asked to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,6 +43,7 @@ pub struct Ctl {
     stop: AtomicU8,
     done: AtomicU64,
     total: AtomicU64,
+    bracket: Mutex<Option<Bracket>>,
 }
 
 impl Ctl {
@@ -86,6 +90,30 @@ impl Ctl {
         let total = self.total.load(Ordering::Relaxed);
         Progress { done: self.done.load(Ordering::Relaxed).min(total), total }
     }
+
+    /// Forgets the bracket: a new search begins. Whoever calls a search does this, the search itself only tells.
+    pub fn begin_search(&self) {
+        *self.held() = None;
+    }
+
+    /// Adds what a search has found and proven to what is known: the incumbent only falls (its index with it), the bound only
+    /// rises. What is no number is passed over. Takes a lock, so not for every candidate.
+    pub fn set_bracket(&self, bracket: Bracket) {
+        let Some(bracket) = bracket.checked() else { return };
+        let mut held = self.held();
+        *held = Some(held.map_or(bracket, |before| before.and(bracket)));
+    }
+
+    /// How near the search under way is, or the last one was; `None` before anything is found.
+    #[must_use]
+    pub fn bracket(&self) -> Option<Bracket> {
+        *self.held()
+    }
+
+    fn held(&self) -> MutexGuard<'_, Option<Bracket>> {
+        // A plain value: whole whenever the lock is free.
+        self.bracket.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 #[cfg(test)]
@@ -108,5 +136,19 @@ mod tests {
         ctl.advance(7);
         ctl.advance(7);
         assert_eq!(ctl.progress(), Progress { done: 10, total: 10 });
+    }
+
+    #[test]
+    fn the_gap_only_shrinks_until_a_new_search_begins() {
+        let ctl = Ctl::new();
+        assert_eq!(ctl.bracket(), None);
+        ctl.set_bracket(Bracket { incumbent: f64::NAN, bound: 0.0, index: 1 });
+        assert_eq!(ctl.bracket(), None);
+        ctl.set_bracket(Bracket { incumbent: 2.0, bound: 1.0, index: 3 });
+        ctl.set_bracket(Bracket { incumbent: 8.0, bound: 1.5, index: 4 });
+        ctl.set_total(9);
+        assert_eq!(ctl.bracket(), Some(Bracket { incumbent: 2.0, bound: 1.5, index: 3 }));
+        ctl.begin_search();
+        assert_eq!(ctl.bracket(), None);
     }
 }

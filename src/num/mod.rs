@@ -3,6 +3,7 @@
 //!
 //! Nothing here knows about control theory, files, clocks or threads.
 
+mod bracket;
 pub mod ctl;
 pub mod distributions;
 pub mod least_squares;
@@ -13,6 +14,7 @@ pub mod rng;
 pub mod schur;
 pub mod stats;
 
+pub use bracket::Bracket;
 pub use ctl::{Ctl, Progress, StopReason, Stopped};
 pub use num_complex::Complex64;
 pub use poly::Polynomial;

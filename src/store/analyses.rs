@@ -7,7 +7,7 @@ use super::records::{AnalysisFilter, AnalysisRecord, Created, IdempotencyKey, Ne
 use super::rows::{get, json_opt, json_verified, parsed, parsed_opt, sha256, time, time_opt, to_json, unsigned};
 use crate::analysis::ids::AnalysisId;
 use crate::jobs::{Event, Job, Status};
-use crate::num::Progress;
+use crate::num::{Bracket, Progress};
 use sqlx::SqliteConnection;
 use sqlx::sqlite::SqliteRow;
 use uuid::Uuid;
@@ -17,7 +17,7 @@ pub(super) const NOUN: &str = "analysis";
 /// Everything but the report, which can be large.
 const COLUMNS: &str =
     "a.id, a.study_id, a.kind, a.request, a.request_sha256, a.spec_sha256, a.status, a.attempts, a.cancel_requested,
-    a.progress_done, a.progress_total, a.eta_s, a.problem, a.version, a.created_at, a.started_at, a.finished_at,
+    a.progress_done, a.progress_total, a.incumbent_cost, a.incumbent_index, a.lower_bound, a.incumbent, a.eta_s, a.problem, a.version, a.created_at, a.started_at, a.finished_at,
     a.updated_at";
 
 pub(super) fn status(row: &SqliteRow) -> StoreResult<Status> {
@@ -34,6 +34,12 @@ pub(super) fn job(row: &SqliteRow) -> StoreResult<Job> {
     Ok(Job { status: status(row)?, attempts: attempts(row)?, cancel_requested: get(row, "cancel_requested")? })
 }
 
+/// How near a search is; the columns are null together.
+pub(super) fn bracket(row: &SqliteRow) -> StoreResult<Option<Bracket>> {
+    let Some(incumbent) = get(row, "incumbent_cost")? else { return Ok(None) };
+    Ok(Some(Bracket { incumbent, bound: get(row, "lower_bound")?, index: unsigned(row, "incumbent_index")? }))
+}
+
 fn analysis(row: &SqliteRow) -> StoreResult<AnalysisRecord> {
     Ok(AnalysisRecord {
         id: parsed(row, "id")?,
@@ -44,6 +50,8 @@ fn analysis(row: &SqliteRow) -> StoreResult<AnalysisRecord> {
         status: status(row)?,
         attempts: attempts(row)?,
         progress: Progress { done: unsigned(row, "progress_done")?, total: unsigned(row, "progress_total")? },
+        bracket: bracket(row)?,
+        incumbent: json_opt(row, "incumbent")?,
         eta_s: get(row, "eta_s")?,
         cancel_requested: get(row, "cancel_requested")?,
         problem: json_opt(row, "problem")?,

@@ -4,12 +4,12 @@ use super::analyses::{attempts, job};
 use super::clock::span_us;
 use super::error::{StoreError, StoreResult};
 use super::open::Store;
-use super::records::{Claim, Held, Lease, Rescued};
-use super::rows::{get, json_verified, parsed, sha256, signed, to_json, unsigned};
+use super::records::{Claim, Held, Lease, Rescued, Standing};
+use super::rows::{get, json_opt, json_verified, parsed, sha256, signed, to_json, unsigned};
 use crate::analysis::ids::AnalysisId;
 use crate::analysis::{Code, Problem, Report};
 use crate::jobs::{Backoff, EtaEstimator, Event, Status};
-use crate::num::Progress;
+use crate::num::{Bracket, Progress};
 use sqlx::SqliteConnection;
 use sqlx::sqlite::SqliteRow;
 use uuid::Uuid;
@@ -21,6 +21,10 @@ const LEAVE_RUNNING: &str = "UPDATE analyses SET
         attempts = $8, available_at = $9,
         progress_done = CASE WHEN $3 = 'succeeded' THEN max(progress_total, 1) WHEN $3 = 'queued' THEN 0 ELSE progress_done END,
         progress_total = CASE WHEN $3 = 'succeeded' THEN max(progress_total, 1) WHEN $3 = 'queued' THEN 0 ELSE progress_total END,
+        incumbent_cost = CASE WHEN $3 IN ('failed', 'cancelled') THEN incumbent_cost END,
+        incumbent_index = CASE WHEN $3 IN ('failed', 'cancelled') THEN incumbent_index END,
+        lower_bound = CASE WHEN $3 IN ('failed', 'cancelled') THEN lower_bound END,
+        incumbent = CASE WHEN $3 IN ('failed', 'cancelled') THEN incumbent END,
         eta_s = NULL, lease_token = NULL, lease_expires_at = NULL, version = version + 1, updated_at = $7
     WHERE id = $1 AND status = 'running' AND lease_token = $2";
 
@@ -36,7 +40,7 @@ macro_rules! running_where {
     ($condition:literal) => {
         concat!(
             "SELECT id, status, attempts, cancel_requested, worker, available_at, lease_token, progress_done,
-                progress_total, progress_at, phase_began_at, eta_s
+                progress_total, progress_at, phase_began_at, eta_s, incumbent_cost, incumbent_index, lower_bound, incumbent
              FROM analyses WHERE status = 'running' AND ",
             $condition
         )
@@ -136,7 +140,8 @@ impl Store {
         let row = sqlx::query(
             "UPDATE analyses SET status = 'running', attempts = attempts + 1, lease_token = $1, lease_expires_at = $2,
                 worker = $3, started_at = $4, progress_done = 0, progress_total = 0, progress_at = $4,
-                phase_began_at = $4, eta_s = NULL, version = version + 1, updated_at = $4
+                phase_began_at = $4, eta_s = NULL, incumbent_cost = NULL, incumbent_index = NULL, lower_bound = NULL,
+                incumbent = NULL, version = version + 1, updated_at = $4
              WHERE id = (SELECT id FROM analyses WHERE status = 'queued' AND available_at <= $4
                          ORDER BY available_at, id LIMIT 1)
                AND status = 'queued'
@@ -152,13 +157,17 @@ impl Store {
         row.map(|row| Ok((Lease { analysis: parsed(&row, "id")?, token }, row))).transpose()
     }
 
-    /// Extends the lease and writes progress; `Held::Lost` when the lease is somebody else's or the row is gone.
+    /// Extends the lease and writes how far the work is; `Held::Lost` when the lease is somebody else's or the row is gone.
     ///
     /// The version (ETag) changes only when what people see changes.
     ///
     /// # Errors
     /// The database's own.
-    pub async fn heartbeat(&self, lease: &Lease, progress: Progress, lease_s: f64) -> StoreResult<Held> {
+    pub async fn heartbeat(&self, lease: &Lease, standing: impl Into<Standing>, lease_s: f64) -> StoreResult<Held> {
+        let Standing { progress, bracket, incumbent } = standing.into();
+        // No pool that is searched has so many candidates; another index would be a wrong one.
+        let bracket = bracket.and_then(Bracket::checked).filter(|bracket| i64::try_from(bracket.index).is_ok());
+        let incumbent = incumbent.filter(|_| bracket.is_some());
         let mut tx = self.begin().await?;
         let Some(row) = held(&mut tx, lease).await? else { return Ok(Held::Lost) };
         let now = self.now_us();
@@ -169,10 +178,14 @@ impl Store {
         let mut eta = EtaEstimator::resume(phase_began.unwrap_or(now), observed.unwrap_or(now), before);
         eta.observe(now, progress);
         let eta_before: Option<f64> = get(&row, "eta_s")?;
-        let seen_to_change = progress != before || eta.eta_s() != eta_before;
+        let seen_to_change = progress != before
+            || eta.eta_s() != eta_before
+            || bracket != super::analyses::bracket(&row)?
+            || incumbent != json_opt(&row, "incumbent")?;
         sqlx::query(
             "UPDATE analyses SET lease_expires_at = $3, progress_done = $4, progress_total = $5, progress_at = $6,
-                phase_began_at = $7, eta_s = $8, version = version + $9, updated_at = CASE WHEN $9 > 0 THEN $6 ELSE updated_at END
+                phase_began_at = $7, eta_s = $8, incumbent_cost = $10, incumbent_index = $11, lower_bound = $12, incumbent = $13,
+                version = version + $9, updated_at = CASE WHEN $9 > 0 THEN $6 ELSE updated_at END
              WHERE id = $1 AND status = 'running' AND lease_token = $2",
         )
         .bind(lease.analysis.to_string())
@@ -184,6 +197,10 @@ impl Store {
         .bind(eta.phase_began_us())
         .bind(eta.eta_s())
         .bind(i64::from(seen_to_change))
+        .bind(bracket.map(|bracket| bracket.incumbent))
+        .bind(bracket.map(|bracket| signed(bracket.index)))
+        .bind(bracket.map(|bracket| bracket.bound))
+        .bind(incumbent.map(|incumbent| to_json(&incumbent)).transpose()?)
         .execute(&mut *tx)
         .await?;
         let cancel: bool = get(&row, "cancel_requested")?;

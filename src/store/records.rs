@@ -1,10 +1,10 @@
 //! What the store takes and gives, in the words of the domain.
 
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
-use crate::analysis::{Kind, Problem, Report, Request};
+use crate::analysis::{Incumbent, Kind, Problem, Report, Request};
 use crate::control::Model;
 use crate::jobs::Status;
-use crate::num::Progress;
+use crate::num::{Bracket, Ctl, Progress};
 use crate::trial::Trial;
 use time::OffsetDateTime;
 
@@ -278,6 +278,10 @@ pub struct AnalysisRecord {
     pub attempts: u32,
     /// How far it is, as of the last heartbeat.
     pub progress: Progress,
+    /// How near its search is, as of the last heartbeat; kept when it is stopped.
+    pub bracket: Option<Bracket>,
+    /// The best controllers found, where it was stopped before its search had ended.
+    pub incumbent: Option<Incumbent>,
     /// Seconds left as of the last heartbeat; `None` while it is not running or nothing is known.
     pub eta_s: Option<f64>,
     /// Whether somebody asked for it to be cancelled.
@@ -342,6 +346,31 @@ pub struct Claim {
     pub request: Request,
     /// Which attempt this is, from 1.
     pub attempt: u32,
+}
+
+/// How far a worker is.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Standing {
+    /// Units finished, and in all.
+    pub progress: Progress,
+    /// How near its search is.
+    pub bracket: Option<Bracket>,
+    /// The controllers with the bracket's cost; only where the search was stopped.
+    pub incumbent: Option<Incumbent>,
+}
+
+impl Standing {
+    /// As a computation tells it.
+    #[must_use]
+    pub fn of(ctl: &Ctl) -> Self {
+        Self { progress: ctl.progress(), bracket: ctl.bracket(), incumbent: None }
+    }
+}
+
+impl From<Progress> for Standing {
+    fn from(progress: Progress) -> Self {
+        Self { progress, ..Self::default() }
+    }
 }
 
 /// What a heartbeat learned.

@@ -4,10 +4,10 @@ use super::compute::{ComputeError, Priority, panic_text, run_work};
 use super::execute::{Execute, Work};
 use super::settings::WorkerSettings;
 use crate::analysis::ids::AnalysisId;
-use crate::analysis::{Code, Failure, Library, Problem, References, Report};
+use crate::analysis::{Code, Failure, Incumbent, Library, Problem, References, Report};
 use crate::jobs::LeasePolicy;
 use crate::num::{Ctl, StopReason, Stopped};
-use crate::store::{Claim, Held, Lease, Store, StoreError};
+use crate::store::{Claim, Held, Lease, Standing, Store, StoreError};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
@@ -31,13 +31,14 @@ pub(super) struct Attendant {
 enum Outcome {
     Report(Box<Report>),
     Problem(Problem),
-    Stopped(StopReason),
+    Stopped(StopReason, Option<Box<Incumbent>>),
 }
 
 impl From<Failure> for Outcome {
     fn from(failure: Failure) -> Self {
         match failure {
-            Failure::Stopped(Stopped(reason)) => Self::Stopped(reason),
+            Failure::Stopped(Stopped(reason)) => Self::Stopped(reason, None),
+            Failure::Interrupted { stopped: Stopped(reason), incumbent } => Self::Stopped(reason, Some(incumbent)),
             Failure::Problem(problem) => Self::Problem(problem),
         }
     }
@@ -68,10 +69,10 @@ impl Attendant {
                 biased;
                 outcome = &mut computing => outcome,
                 // Never ends on its own.
-                () = &mut keeping => Outcome::Stopped(StopReason::LeaseLost),
+                () = &mut keeping => Outcome::Stopped(StopReason::LeaseLost, None),
             }
         };
-        let ended = self.write(&lease, outcome).await;
+        let ended = self.write(&lease, outcome, &ctl).await;
         tracing::info!(analysis = %id, ?ended, "analysis ended");
         ended
     }
@@ -170,7 +171,7 @@ impl Attendant {
                     ctl.stop(StopReason::Deadline);
                     continue;
                 }
-                _ = beats.tick() => self.store.heartbeat(lease, ctl.progress(), self.settings.lease_s).await,
+                _ = beats.tick() => self.store.heartbeat(lease, Standing::of(ctl), self.settings.lease_s).await,
                 _ = peeks.tick() => self.store.peek(lease).await,
             };
             match held {
@@ -186,11 +187,11 @@ impl Attendant {
     }
 
     /// Writes the outcome, again and again while the database fails, for as long as two leases.
-    async fn write(&self, lease: &Lease, outcome: Outcome) -> Ended {
+    async fn write(&self, lease: &Lease, outcome: Outcome, ctl: &Ctl) -> Ended {
         let begin = Instant::now();
         let mut pause = Duration::from_millis(50);
         loop {
-            let error = match self.write_once(lease, &outcome).await {
+            let error = match self.write_once(lease, &outcome, ctl).await {
                 Ok(ended) => return ended,
                 Err(error) => error,
             };
@@ -204,13 +205,18 @@ impl Attendant {
         }
     }
 
-    async fn write_once(&self, lease: &Lease, outcome: &Outcome) -> Result<Ended, StoreError> {
+    async fn write_once(&self, lease: &Lease, outcome: &Outcome, ctl: &Ctl) -> Result<Ended, StoreError> {
+        if let Outcome::Stopped(StopReason::Cancelled | StopReason::Deadline, incumbent) = outcome {
+            // How far it came stays with it.
+            let last = Standing { incumbent: incumbent.as_deref().cloned(), ..Standing::of(ctl) };
+            self.store.heartbeat(lease, last, self.settings.lease_s).await?;
+        }
         let finished = |held: bool| if held { Ended::Finished } else { Ended::Lost };
         match outcome {
             Outcome::Report(report) => self.store.succeed(lease, report).await.map(finished),
             Outcome::Problem(problem) => self.store.fail(lease, problem).await.map(finished),
-            Outcome::Stopped(StopReason::Cancelled) => self.store.confirm_cancel(lease).await.map(finished),
-            Outcome::Stopped(StopReason::Deadline) => {
+            Outcome::Stopped(StopReason::Cancelled, _) => self.store.confirm_cancel(lease).await.map(finished),
+            Outcome::Stopped(StopReason::Deadline, _) => {
                 let limit = self.settings.deadline_s.unwrap_or_default();
                 let problem = Problem::new(
                     Code::DeadlineExceeded,
@@ -220,8 +226,8 @@ impl Attendant {
                 .mend("Ask for a smaller pool, or raise the limit.");
                 self.store.fail(lease, &problem).await.map(finished)
             }
-            Outcome::Stopped(StopReason::LeaseLost) => Ok(Ended::Lost),
-            Outcome::Stopped(StopReason::Shutdown) => {
+            Outcome::Stopped(StopReason::LeaseLost, _) => Ok(Ended::Lost),
+            Outcome::Stopped(StopReason::Shutdown, _) => {
                 let released = self.store.release(lease).await?;
                 Ok(if released { Ended::Released } else { Ended::Lost })
             }

@@ -1,7 +1,12 @@
 use crate::harness::TestServer;
+use num_complex::Complex64;
 use serde_json::{Value, json};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio_util::sync::CancellationToken;
 use volition::plants::commands::chirp60;
 use volition::plants::subject::SimulatedSubject;
+use volition::worker::{Analyses, Worker, WorkerSettings};
 
 fn simulated(number: u32) -> String {
     let plant = volition::plants::catalogue::minimum_phase();
@@ -19,6 +24,83 @@ async fn report(server: &TestServer, request: &Value) -> Value {
     let finished = server.get(&path).await.json(200);
     assert_eq!(finished["status"], "succeeded", "{finished}");
     server.get(&format!("{path}/report")).await.json(200)
+}
+
+/// Example 2.2 of Zhang 2015 over a pool of hundreds of millions, candidate by candidate.
+fn long_search() -> Value {
+    let omega: Vec<f64> = (1..=20).map(|k| 0.2 * std::f64::consts::PI * f64::from(k)).collect();
+    let h: Vec<[f64; 2]> = omega
+        .iter()
+        .map(|w| {
+            let s = Complex64::new(0.0, *w);
+            let (g, ff, fb) = (4.0 / (s + 2.0), (2.13 * s + 3.0) / (s + 6.57), 5.44 / (s + 7.11));
+            let closed = g * (ff + fb) / (1.0 + g * fb);
+            [closed.re, closed.im]
+        })
+        .collect();
+    let axis = json!([{"from": 0.01, "to": 10, "step": 0.005}]);
+    json!({"kind": "ssid",
+           "inputs": {"plant": {"num": [4], "den": [1, 2]}, "frequency_response": {"omega_rad_s": omega, "h": h}},
+           "spec": {"pool": {"grid": {"feedforward_denominator": axis, "feedback_numerator": axis, "feedback_denominator": axis}},
+                    "search": "exhaustive", "max_candidates": 100_000_000_000_u64}})
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_search_shows_its_gap_and_leaves_what_it_found_when_it_is_cancelled() {
+    let server = TestServer::start().await;
+    let path = format!("/v1/analyses/{}", server.post("/v1/analyses", &long_search()).await.id(202));
+    let settings = WorkerSettings { compute_threads: 1, poll_s: 0.02, heartbeat_s: 0.05, ..WorkerSettings::default() };
+    let worker = Worker::new(server.store.clone(), Arc::new(Analyses::default()), settings).unwrap();
+    let stop = CancellationToken::new();
+    let client = async {
+        let until = async |wanted: &dyn Fn(&Value) -> bool| {
+            for _ in 0..6000 {
+                let now = server.get(&path).await.json(200);
+                if wanted(&now) {
+                    return now;
+                }
+                assert_ne!(now["status"], "failed", "{now}");
+                tokio::time::sleep(Duration::from_millis(10)).await;
+            }
+            panic!("nothing came");
+        };
+        assert!(server.get(&path).await.json(200)["progress"].get("bracket").is_none());
+        let running = until(&|now| now["progress"]["bracket"].is_object()).await;
+        let first = running["progress"]["bracket"].clone();
+        assert!(first["cost"].as_f64().unwrap() > 0.0 && first["index"].is_u64(), "{first}");
+        assert_eq!((&first["lower_bound"], &first["gap"]), (&json!(0.0), &json!(1.0)));
+        assert!(first.get("controllers").is_none());
+        let asked = Instant::now();
+        assert_eq!(server.send(server.request("POST", &format!("{path}/cancel"))).await.status, 202);
+        let cancelled = until(&|now| now["status"] == "cancelled").await;
+        let took = asked.elapsed();
+        let last = cancelled["progress"]["bracket"].clone();
+        assert!(last["cost"].as_f64().unwrap() <= first["cost"].as_f64().unwrap(), "{first} {last}");
+        // The controllers are those of the cost: their closed loop gives it again.
+        let response = |model: &Value, s: Complex64| {
+            let at =
+                |c: &Value| c.as_array().unwrap().iter().fold(Complex64::ZERO, |sum, c| sum * s + c.as_f64().unwrap());
+            at(&model["num"]) / at(&model["den"])
+        };
+        let inputs = &cancelled["request"]["inputs"]["frequency_response"];
+        let lines = inputs["omega_rad_s"].as_array().unwrap().iter().zip(inputs["h"].as_array().unwrap());
+        let cost: f64 = lines
+            .map(|(omega, h)| {
+                let s = Complex64::new(0.0, omega.as_f64().unwrap());
+                let ff = response(&last["controllers"]["feedforward"], s);
+                let fb = response(&last["controllers"]["feedback"], s);
+                let g = 4.0 / (s + 2.0);
+                let h = Complex64::new(h[0].as_f64().unwrap(), h[1].as_f64().unwrap());
+                (g * (ff + fb) / (1.0 + g * fb) - h).norm_sqr()
+            })
+            .sum();
+        assert!((cost - last["cost"].as_f64().unwrap()).abs() < 1e-9 * cost, "{cost} {last}");
+        stop.cancel();
+        took
+    };
+    let (_, took) = tokio::join!(worker.run(stop.clone()), client);
+    assert!(took < Duration::from_secs(10), "{took:?}");
+    server.finish().await;
 }
 
 #[tokio::test]

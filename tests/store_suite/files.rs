@@ -336,12 +336,38 @@ async fn the_database_itself_refuses_what_the_rules_forbid() {
             "started_when_taken",
         ),
         ("UPDATE analyses SET attempts = 'three'", "cannot store TEXT"),
+        ("UPDATE analyses SET incumbent_cost = 1.0, lower_bound = 0.5", "incumbent_is_one_candidate"),
+        ("UPDATE analyses SET incumbent_cost = 1.0, incumbent_index = 3", "bracket_is_whole"),
+        ("UPDATE analyses SET incumbent_cost = 1.0, incumbent_index = 3, lower_bound = 1.5", "bracket_is_whole"),
+        ("UPDATE analyses SET incumbent = '{}'", "incumbent_has_its_cost"),
     ];
     for (sql, rule) in refusals {
         let error = sqlx::query(sql).execute(&mut meddler).await.expect_err(sql).to_string();
         assert!(error.contains(rule), "{sql}: {error}");
     }
     meddler.close().await.unwrap();
+    store.close().await;
+}
+
+#[tokio::test]
+async fn a_database_of_the_first_schema_is_brought_up_to_date() {
+    let (_directory, path) = place();
+    let store = open(&path).await;
+    let id = store.create_analysis(new_analysis(Vec::new()), None).await.unwrap().into_inner().id;
+    let before = store.analysis(id).await.unwrap();
+    store.close().await;
+    for sql in [
+        "ALTER TABLE analyses DROP COLUMN incumbent",
+        "ALTER TABLE analyses DROP COLUMN lower_bound",
+        "ALTER TABLE analyses DROP COLUMN incumbent_index",
+        "ALTER TABLE analyses DROP COLUMN incumbent_cost",
+        "DELETE FROM _sqlx_migrations WHERE version = 2",
+    ] {
+        tamper(&path, sql).await;
+    }
+    let store = open(&path).await;
+    assert_eq!(store.analysis(id).await.unwrap(), before);
+    assert_eq!(store.claim("w", 15.0).await.unwrap().unwrap().lease.analysis, id);
     store.close().await;
 }
 

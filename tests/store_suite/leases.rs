@@ -1,8 +1,10 @@
 use super::*;
 use std::collections::BTreeSet;
+use volition::analysis::Incumbent;
+use volition::analysis::ids::AnalysisId;
 use volition::jobs::Status;
-use volition::num::Progress;
-use volition::store::{Held, Lease};
+use volition::num::{Bracket, Progress};
+use volition::store::{AnalysisFilter, Held, Lease, Standing};
 
 const LEASE_S: f64 = 15.0;
 
@@ -153,6 +155,66 @@ async fn heartbeats_carry_progress_eta_and_the_wish_to_cancel() {
     let record = store.analysis(id).await.unwrap();
     assert_eq!((record.status, record.eta_s), (Status::Cancelled, None));
     assert!(record.finished_at.is_some());
+}
+
+fn incumbent() -> Incumbent {
+    Incumbent { feedforward: model(), feedback: model() }
+}
+
+#[tokio::test]
+async fn a_bracket_is_seen_while_it_runs_and_stays_with_what_was_stopped() {
+    let bench = Bench::new().await;
+    let store = &bench.store;
+    let id = bench.queue().await;
+    let lease = store.claim("w", LEASE_S).await.unwrap().unwrap().lease;
+    let claimed = store.analysis(id).await.unwrap();
+    assert_eq!((claimed.bracket, &claimed.incumbent), (None, &None));
+    let progress = Progress::default();
+    let bracket = Bracket { incumbent: 0.1 + 0.2, bound: 0.25, index: 159_566_654_961 };
+    let standing = |bracket, incumbent| Standing { progress, bracket: Some(bracket), incumbent };
+    store.heartbeat(&lease, standing(bracket, None), LEASE_S).await.unwrap();
+    let running = store.analysis(id).await.unwrap();
+    assert_eq!((running.bracket, running.version), (Some(bracket), claimed.version + 1), "bit for bit, and a new ETag");
+    store.heartbeat(&lease, standing(bracket, None), LEASE_S).await.unwrap();
+    assert_eq!(store.analysis(id).await.unwrap().version, running.version, "nothing new to see");
+    // What no database can hold, or is no bracket, is passed over and does no harm.
+    for bad in [Bracket { index: u64::MAX, ..bracket }, Bracket { incumbent: f64::NAN, ..bracket }] {
+        assert_eq!(store.heartbeat(&lease, standing(bad, Some(incumbent())), LEASE_S).await.unwrap(), Held::Yes);
+        let none = store.analysis(id).await.unwrap();
+        assert_eq!((none.bracket, none.incumbent), (None, None));
+    }
+    let last = Bracket { bound: 0.275, ..bracket };
+    store.heartbeat(&lease, standing(last, Some(incumbent())), LEASE_S).await.unwrap();
+    store.request_cancel(id).await.unwrap();
+    assert!(store.confirm_cancel(&lease).await.unwrap());
+    let cancelled = store.analysis(id).await.unwrap();
+    assert_eq!((cancelled.bracket, cancelled.incumbent), (Some(last), Some(incumbent())));
+
+    // What goes back to the queue begins anew, and a report speaks for itself.
+    for (end, status) in [("release", Status::Queued), ("succeed", Status::Succeeded), ("fail", Status::Failed)] {
+        let id = if end == "succeed" { id_of_the_released(store).await } else { bench.queue().await };
+        let lease = store.claim("w", LEASE_S).await.unwrap().unwrap().lease;
+        assert_eq!(lease.analysis, id);
+        assert_eq!(store.analysis(id).await.unwrap().bracket, None);
+        store.heartbeat(&lease, standing(last, Some(incumbent())), LEASE_S).await.unwrap();
+        assert!(match end {
+            "release" => store.release(&lease).await.unwrap(),
+            "succeed" => store.succeed(&lease, &report(1.0)).await.unwrap(),
+            _ => store.fail(&lease, &problem()).await.unwrap(),
+        });
+        let record = store.analysis(id).await.unwrap();
+        let kept = (end == "fail").then_some(last);
+        assert_eq!(
+            (record.status, record.bracket, record.incumbent.is_some()),
+            (status, kept, kept.is_some()),
+            "{end}"
+        );
+    }
+}
+
+async fn id_of_the_released(store: &Store) -> AnalysisId {
+    let filter = AnalysisFilter { status: Some(Status::Queued), ..AnalysisFilter::default() };
+    store.analyses(filter, EVERYTHING).await.unwrap()[0].id
 }
 
 #[tokio::test]

@@ -93,11 +93,11 @@ pub(in crate::analysis) fn check_sample_times(plant: &System, trials: &[Resolved
     Ok(())
 }
 
-/// The problem of an error; [`SsidError::Stopped`] is none, and for the caller to tell apart.
+/// The problem of an error; [`SsidError::Stopped`] and [`SsidError::Interrupted`] are none, and for the caller to tell apart.
 pub(in crate::analysis) fn problem(error: &SsidError) -> Problem {
     let new = |code, title: &str| Problem::new(code, title, error.to_string());
     match error {
-        SsidError::Stopped(_) => new(Code::Internal, "stopped"),
+        SsidError::Stopped(_) | SsidError::Interrupted(_) => new(Code::Internal, "stopped"),
         SsidError::Pool(pool) => pool_problem(pool, error),
         SsidError::Unaffordable { size, .. } => new(Code::Unaffordable, "candidate pool too large")
             .at("/spec/pool")

@@ -105,6 +105,8 @@ pub(super) fn compare(
         let search = Automatic { method: spec.written().search, shared };
         match identify(plant, data, &settings, &search, ctl) {
             Err(SsidError::Stopped(stopped)) => return Err(Failure::Stopped(stopped)),
+            // The incumbent of one structure of many is no answer.
+            Err(SsidError::Interrupted(interrupted)) => return Err(Failure::Stopped(interrupted.stopped)),
             Err(error) => row.reason = Some(error.to_string()),
             Ok(found) => {
                 row.pool_cost = Some(found.optimum.cost);

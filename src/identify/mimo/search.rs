@@ -5,7 +5,7 @@ use super::kernel::{Fixed, LANES};
 use super::pool::{FeedbackPool, Row};
 use super::stability::Tester;
 use crate::identify::search::NEAR;
-use crate::num::{Ctl, Stopped};
+use crate::num::{Bracket, Ctl, Stopped};
 use rayon::prelude::*;
 
 /// The best candidate, and how it was found.
@@ -88,6 +88,7 @@ pub fn search(problem: &Problem, pool: &FeedbackPool, tester: &Tester, ctl: &Ctl
     let listed = u64::try_from(pool.listed()).unwrap_or_else(|_| panic!("{} candidates", pool.listed()));
     let per_upper = pool.rows().last().map_or(1, Row::count) as u64;
     ctl.set_total(listed);
+    ctl.begin_search();
     let mut best: Option<(Open, Vec<Vec<f64>>, Fit)> = None;
     let mut near: Vec<f64> = Vec::new();
     let (mut capped, mut pool_size, mut decided) = (false, 0_u64, 0_u64);
@@ -116,7 +117,9 @@ pub fn search(problem: &Problem, pool: &FeedbackPool, tester: &Tester, ctl: &Ctl
             pool_size += part.stable;
         }
         decided += decide(problem, pool, &open, &mut best, ctl)?;
-        let Some((_, _, fit)) = &best else { continue };
+        let Some((open_best, _, fit)) = &best else { continue };
+        // Nothing is known of the candidates that are still to come.
+        ctl.set_bracket(Bracket { incumbent: fit.cost.max(0.0), bound: 0.0, index: open_best.index });
         let limit = near_limit(fit);
         near.retain(|lower| *lower <= limit);
         near.extend(open.iter().map(|o| o.lower()).filter(|lower| *lower <= limit));

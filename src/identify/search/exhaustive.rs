@@ -4,7 +4,7 @@ use super::block::{Batch, Evaluator};
 use super::{Method, NEAR, Optimum, Search, exact};
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
-use crate::num::{Ctl, Stopped};
+use crate::num::{Bracket, Ctl, Stopped};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -25,6 +25,8 @@ struct Best {
     cost: f64,
     index: u64,
     bound: f64,
+    /// What that candidate costs at most, rounding allowed for.
+    above: f64,
 }
 
 impl Search for Exhaustive {
@@ -37,6 +39,8 @@ impl Search for Exhaustive {
             .map(|block| screen(&evaluator, block, ctl))
             .collect::<Result<Vec<_>, Stopped>>()?;
 
+        let bound = screened.iter().map(|best| best.bound).fold(f64::INFINITY, f64::min);
+
         let exact_cost = |index: u64| exact::cost(problem, &pool.candidate(pool.position(index)));
         let first = screened
             .iter()
@@ -44,6 +48,7 @@ impl Search for Exhaustive {
             .min_by(|a, b| a.cost.total_cmp(&b.cost).then(a.index.cmp(&b.index)))
             .map_or(0, |best| best.index);
         let limit = exact_cost(first);
+        ctl.set_bracket(Bracket { incumbent: limit, bound, index: first });
         let decided = AtomicU64::new(0);
 
         // The candidates whose bound is within the limit hold the best one, whatever their approximate costs say.
@@ -94,7 +99,7 @@ fn smaller(a: (f64, u64), b: (f64, u64)) -> (f64, u64) {
 }
 
 fn screen(evaluator: &Evaluator<'_>, block: usize, ctl: &Ctl) -> Result<Best, Stopped> {
-    let mut best = Best { cost: f64::INFINITY, index: u64::MAX, bound: f64::INFINITY };
+    let mut best = Best { cost: f64::INFINITY, index: u64::MAX, bound: f64::INFINITY, above: f64::INFINITY };
     evaluator.block(block, ctl, true, |Batch { first, stride, screened }| {
         // Folds without branches, so that they are vectorised; the position is looked for only where the cost improves.
         let cost = screened.cost.iter().fold(f64::INFINITY, |a, b| if *b < a { *b } else { a });
@@ -106,9 +111,11 @@ fn screen(evaluator: &Evaluator<'_>, block: usize, ctl: &Ctl) -> Result<Best, St
             if cost < best.cost || index < best.index {
                 best.cost = cost;
                 best.index = index;
+                best.above = 2.0 * cost - screened.bound[position];
             }
         }
     })?;
+    ctl.set_bracket(Bracket { incumbent: best.above, bound: 0.0, index: best.index });
     Ok(best)
 }
 

@@ -8,7 +8,7 @@
 use crate::identify::pool::{Candidate, Pool};
 use crate::identify::problem::Problem;
 use crate::identify::search::exact;
-use crate::num::{Ctl, Stopped};
+use crate::num::{Bracket, Ctl, Stopped};
 use num_complex::Complex64;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -101,6 +101,7 @@ pub fn search(
     let bound = AtomicU64::new(f64::INFINITY.to_bits());
     let blocks = table.blocks();
     ctl.set_total(2 * blocks as u64);
+    ctl.begin_search();
 
     // Visits every feedback of a block with its index and its part of the cost.
     let each = |block: usize, visit: &mut dyn FnMut(u64, f64) -> Result<(), Stopped>| -> Result<(), Stopped> {
@@ -147,8 +148,10 @@ pub fn search(
         bound.fetch_min(best.0.to_bits(), Ordering::Relaxed);
         best
     };
+    // The command adds to the disturbance's part, and nothing has a smaller one.
+    let tell = |(cost, index): (f64, u64)| ctl.set_bracket(Bracket { incumbent: cost, bound: first.0, index });
     if first.1 < u64::MAX {
-        let _ = solve(first.1, first.0);
+        tell(solve(first.1, first.0));
         evaluated.store(0, Ordering::Relaxed);
     }
     let (cost, index) = (0..blocks)
@@ -163,6 +166,7 @@ pub fn search(
                 }
                 Ok(())
             })?;
+            tell(best);
             Ok(best)
         })
         .try_reduce(|| (f64::INFINITY, u64::MAX), |a, b| Ok(smaller(a, b)))

@@ -9,10 +9,10 @@ mod walk;
 use super::{Method, NEAR, Optimum, Search, exact};
 use crate::identify::pool::{Pool, Position};
 use crate::identify::problem::Problem;
-use crate::num::{Ctl, Stopped};
+use crate::num::{Bracket, Ctl, Stopped};
 pub use prepared::Prepared;
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use walk::{Found, Own, Walk};
 
 /// Whether the numerator of this problem is of a degree that the kernel takes.
@@ -35,7 +35,9 @@ impl Search for BranchAndBound<'_> {
         ctl.set_total(pool.size());
         walk.without_feedback(&mut own)?;
         let tasks = walk.tasks(&mut own)?;
+        tell(&own, pool, 0.0, ctl);
         let next = AtomicUsize::new(0);
+        let finished: Vec<AtomicBool> = tasks.iter().map(|_| AtomicBool::new(false)).collect();
         let share = pool.size() / tasks.len().max(1) as u64;
         let threads = rayon::current_num_threads();
         // Threads take the tasks in order, so that a good candidate is known early.
@@ -44,8 +46,14 @@ impl Search for BranchAndBound<'_> {
             .with_max_len(1)
             .map(|_| {
                 let mut own = walk.own();
-                while let Some(task) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
+                loop {
+                    let at = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(task) = tasks.get(at) else { break };
                     walk.finish(task, &mut own)?;
+                    finished[at].store(true, Ordering::Relaxed);
+                    let open = tasks.iter().zip(&finished).filter(|(_, done)| !done.load(Ordering::Relaxed));
+                    let bound = open.map(|(task, _)| task.bound).fold(walk.best(), f64::min);
+                    tell(&own, pool, bound, ctl);
                     ctl.advance(share);
                 }
                 Ok(own)
@@ -60,6 +68,15 @@ impl Search for BranchAndBound<'_> {
         }
         ctl.advance(pool.size());
         decide(problem, pool, self.prepared, found, walk.best(), (evaluated, bounded), ctl)
+    }
+}
+
+/// Tells the best candidate that a thread has found, and what every candidate of the pool costs at least.
+fn tell(own: &Own, pool: &Pool, bound: f64, ctl: &Ctl) {
+    let above = |found: &Found| found.cost + (found.cost - found.bound);
+    if let Some(best) = own.found.iter().min_by(|a, b| above(a).total_cmp(&above(b))) {
+        let index = pool.index(best.feedforward as usize, best.feedback);
+        ctl.set_bracket(Bracket { incumbent: above(best), bound, index });
     }
 }
 
