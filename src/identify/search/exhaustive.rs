@@ -1,11 +1,13 @@
 //! The plain search: every candidate is evaluated.
 
 use super::block::{Batch, Evaluator};
+use super::near::{Bracketed, nearest, prune};
 use super::{Method, NEAR, Optimum, Search, exact};
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
 use crate::num::{Bracket, Ctl, Stopped};
 use rayon::prelude::*;
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Evaluates every candidate by normal equations, then decides among those that rounding cannot tell apart by QR.
@@ -68,18 +70,40 @@ impl Search for Exhaustive {
             .try_reduce(|| (f64::INFINITY, u64::MAX), |a, b| Ok(smaller(a, b)))?;
 
         let near = (1.0 + NEAR) * cost;
-        let near_optimal = again(near)
+        let feedforward = pool.feedforward().len() as u64;
+        let (near_optimal, found) = again(near)
             .into_par_iter()
             .map(|block| {
                 let mut count = 0;
+                let mut found = HashMap::new();
                 each(&evaluator, block, ctl, |index, approximate, bound| {
                     // The approximate cost errs by as much upwards as the bound is below it.
                     let surely = 2.0 * approximate - bound <= near;
                     count += u64::from(surely || (bound <= near && exact_cost(index) <= near));
+                    if bound <= near {
+                        // Copies without feedback are alike to the last bit.
+                        let alike = (index % feedforward, approximate.to_bits(), bound.to_bits());
+                        let first = found.entry(alike).or_insert(index);
+                        *first = index.min(*first);
+                        if found.len() > KEPT {
+                            found = pruned(std::mem::take(&mut found));
+                        }
+                    }
                 })?;
-                Ok(count)
+                Ok((count, found))
             })
-            .try_reduce(|| 0, |a: u64, b| Ok(a + b))?;
+            .try_reduce(
+                || (0, HashMap::new()),
+                |(a, mut found): (u64, Alike), (b, others)| {
+                    for (alike, index) in others {
+                        let first = found.entry(alike).or_insert(index);
+                        *first = index.min(*first);
+                    }
+                    Ok((a + b, found))
+                },
+            )?;
+        let candidate = |place: &(AlikeKey, u64)| pool.candidate(pool.position(place.1));
+        let nearest = nearest(problem, bracketed(found), near, candidate, |place| place.1, ctl)?;
 
         Ok(Optimum {
             index,
@@ -89,8 +113,33 @@ impl Search for Exhaustive {
             bounded: 0,
             decided_by_qr: decided.into_inner(),
             near_optimal,
+            near: nearest,
         })
     }
+}
+
+/// Feedforward denominator, and the bits of cost and bound.
+type AlikeKey = (u64, u64, u64);
+
+/// The lowest index of candidates that are alike.
+type Alike = HashMap<AlikeKey, u64>;
+
+/// Near-optimal candidates that a block keeps before it throws out those that cannot be among the best.
+const KEPT: usize = 1 << 14;
+
+fn bracketed(found: Alike) -> Vec<Bracketed<(AlikeKey, u64)>> {
+    let of = |(key, index): (AlikeKey, u64)| {
+        let (cost, below) = (f64::from_bits(key.1), f64::from_bits(key.2));
+        Bracketed { below, above: 2.0 * cost - below, place: (key, index) }
+    };
+    found.into_iter().map(of).collect()
+}
+
+/// Without those that cannot be among the best.
+fn pruned(found: Alike) -> Alike {
+    let mut candidates = bracketed(found);
+    prune(&mut candidates);
+    candidates.into_iter().map(|c| c.place).collect()
 }
 
 /// The smaller of two (cost, index) pairs, which are never NaN.

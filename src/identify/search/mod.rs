@@ -5,6 +5,7 @@ mod block;
 pub mod exact;
 mod exhaustive;
 mod kernel;
+mod near;
 pub mod tree;
 
 use super::pool::{Pool, PoolError, Recipe};
@@ -13,6 +14,7 @@ use crate::control::System;
 use crate::num::{Ctl, Stopped};
 pub use automatic::{Automatic, Method, Shared};
 pub use exhaustive::Exhaustive;
+pub use near::MOST_NEAR;
 use std::sync::Arc;
 pub use tree::{BranchAndBound, Prepared};
 
@@ -60,4 +62,7 @@ pub struct Optimum {
     pub decided_by_qr: u64,
     /// How many candidates, the best one included, cost at most `1 + NEAR` times as much as it.
     pub near_optimal: u64,
+    /// The best of these, the best one first: index and cost by QR, at most [`MOST_NEAR`]; of equal costs the lowest index first. A
+    /// controller without feedback is every stable feedback denominator with gain 0, and here once, with its lowest index.
+    pub near: Vec<(u64, f64)>,
 }

@@ -6,6 +6,7 @@ mod prepared;
 mod ranges;
 mod walk;
 
+use super::near::{Bracketed, nearest};
 use super::{Method, NEAR, Optimum, Search, exact};
 use crate::identify::pool::{Pool, Position};
 use crate::identify::problem::Problem;
@@ -114,6 +115,17 @@ fn decide(
         .unwrap_or(0);
     let near = (1.0 + NEAR) * cost;
     found.retain(|f| kernel::may_reach(f.bound, near));
+    let candidates =
+        found.iter().map(|f| Bracketed { below: f.bound, above: f.cost + (f.cost - f.bound), place: *f }).collect();
+    let position = |f: &Found| Position { feedforward: f.feedforward as usize, feedback: f.feedback };
+    let nearest = nearest(
+        problem,
+        candidates,
+        near,
+        |f| pool.candidate(position(f)),
+        |f| pool.index(f.feedforward as usize, f.feedback),
+        ctl,
+    )?;
     let near_optimal = found
         .par_iter()
         .map(|f| {
@@ -134,6 +146,7 @@ fn decide(
         bounded,
         decided_by_qr: decided.into_inner(),
         near_optimal,
+        near: nearest,
     })
 }
 
