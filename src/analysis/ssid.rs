@@ -11,6 +11,8 @@
 //! [`identify::ssid`](crate::identify::ssid).
 
 mod delay_spec;
+mod delayed;
+mod family;
 mod inputs;
 pub(super) mod problems;
 mod refined;
@@ -36,10 +38,12 @@ use crate::learning::frequency_domain::{ControllerMetrics, controller_metrics};
 use crate::num::Ctl;
 use crate::trial::Trial;
 pub use delay_spec::{DelayRange, DelaySpec, DelayValueSpec};
+pub use delayed::{DelayedPoint, DelayedPool};
+pub use family::{FamilySpread, NearCandidate, NearOptimal, SpreadAtLine};
 pub use inputs::{FrequencyResponseInput, SsidInputs};
 pub use refined::{BootstrapSpec, RefinedResult, RefinementStop};
 use refined::{KnownNoise, Questions};
-pub use result::{Certificate, Fit, HeldOut, NearOptimal, SimulatedVafResult, SsidResult, Stability, TrialVaf};
+pub use result::{Certificate, Fit, HeldOut, SimulatedVafResult, SsidResult, Stability, TrialVaf};
 use serde_json::json;
 use spec::CheckedSpec;
 pub use spec::SsidSpec;
@@ -47,7 +51,7 @@ use std::collections::BTreeMap;
 pub use structures::{Likelihood, StructureComparison, StructureRow, StructureSpec};
 
 /// Version of [`SsidResult`].
-const RESULT_VERSION: u32 = 2;
+const RESULT_VERSION: u32 = 3;
 
 /// A checked request.
 #[derive(Debug, Clone, PartialEq)]
@@ -131,6 +135,18 @@ impl Plan {
         let metrics = self.metrics(&found)?;
         let vaf = validate(&found.plant, [&found.feedforward, &found.feedback], &trials, Some(&mut warnings));
         let mut result = SsidResult::new(&found, metrics, vaf, trials.is_empty());
+        result.near_optimal.warn(&mut warnings);
+        if let (Some(delays), Some(period)) = (self.spec.delays(), found.plant.sample_time_s()) {
+            delay_spec::check_sampled(delays, period)?;
+        }
+        let mut delayed = None;
+        let pairs = written.delay.as_ref().map(DelaySpec::pairs).unwrap_or_default();
+        if !pairs.is_empty() {
+            let (searched, best) = delayed::searched(&plant, &data, &settings, &pairs, &search, ctl)?;
+            delayed::warn(&searched, &mut warnings);
+            result.delayed = Some(searched);
+            delayed = best;
+        }
         let mut held = (!held_out.is_empty()).then(|| HeldOut {
             pool: SimulatedVafResult::of(validate(
                 &found.plant,
@@ -147,10 +163,8 @@ impl Plan {
                 is_weighted_by_noise: written.weights == Weights::InverseVariance,
                 bootstrap: written.bootstrap,
                 delays: self.spec.delays(),
+                start: delayed.as_ref(),
             };
-            if let (Some(delays), Some(period)) = (questions.delays, found.plant.sample_time_s()) {
-                delay_spec::check_sampled(delays, period)?;
-            }
             match refined::refine(&found, &questions, &mut warnings, ctl).map_err(Failure::Stopped)? {
                 Ok((controllers, mut refined)) => {
                     let simulated = |trials: &[ResolvedTrial]| match with_delays(&controllers) {

@@ -19,6 +19,8 @@ use super::time::{Time, multiply};
 pub struct Basis {
     time: Time,
     degree: usize,
+    /// What the numerator stands behind, in seconds.
+    delay_s: f64,
     /// `t = (y − centre) / half`, inside [−1, 1].
     centre: f64,
     half: f64,
@@ -157,6 +159,7 @@ impl Basis {
         Ok(Self {
             time,
             degree,
+            delay_s: 0.0,
             centre,
             half,
             even: Part::new("real", even_size, &even_factor, &t)?,
@@ -176,13 +179,22 @@ impl Basis {
         &self.odd
     }
 
-    /// The angle by which N is turned at a line before it splits: `−nθ/2`, and 0 in continuous time.
+    /// The same numerator behind a delay (a lead, where negative): it is `N e^{−jω delay}` that splits, and N whose coefficients are
+    /// given.
+    #[must_use]
+    pub fn behind(self, delay_s: f64) -> Self {
+        Self { delay_s, ..self }
+    }
+
+    /// The angle by which the numerator with its delay is turned at a line before it splits: `−nθ/2` (0 in continuous time), and the
+    /// delay undone.
     #[must_use]
     pub fn rotation(&self, omega_rad_s: f64) -> f64 {
-        match self.time {
+        let own = match self.time {
             Time::Continuous => 0.0,
             Time::Sampled(t) => -0.5 * self.degree as f64 * omega_rad_s * t.period_s(),
-        }
+        };
+        own + omega_rad_s * self.delay_s
     }
 
     /// The numerator's coefficients in descending powers, from those of the two bases.

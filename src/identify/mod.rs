@@ -2,6 +2,8 @@
 //! (Zhang 2015, algorithms 2.1, 3.1 and 5.1), and the frequency responses that it starts from.
 
 pub mod basis;
+pub mod delayed;
+pub mod family;
 pub mod frequency;
 pub mod identifiability;
 pub mod mimo;

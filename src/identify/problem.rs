@@ -120,6 +120,12 @@ impl Problem {
         Ok(Self { time: lines.time, lines: lines.used.clone(), basis })
     }
 
+    /// The same lines with the feedforward behind a pure delay (before a lead, where negative): `Gff e^{−jω delay}`.
+    #[must_use]
+    pub fn with_feedforward_delay(self, delay_s: f64) -> Self {
+        Self { basis: self.basis.behind(delay_s), ..self }
+    }
+
     /// The time base.
     #[must_use]
     pub fn time(&self) -> Time {

@@ -5,6 +5,7 @@
 //! closest to the data in `J = Σ weight |G̃ − H|²`. The algorithms are one: they differ in time base and pool.
 
 use super::basis::TooFewLines;
+use super::family::{Member, family};
 use super::frequency::FrequencyData;
 use super::identifiability::{self, Identifiability};
 use super::pool::{Pool, PoolError, Position, Recipe};
@@ -153,6 +154,8 @@ pub struct Identified {
     pub feedforward_denominators: u64,
     /// Feedback controllers of the pool.
     pub feedback_controllers: u64,
+    /// The controllers of the near-optimal candidates in [`Optimum::near`], the best one first.
+    pub family: Vec<Member>,
     /// Poles of the closed loop: of the feedforward, then of the feedback loop.
     pub closed_loop_poles: Vec<Complex64>,
     /// Largest real part of their exponents in 1/s; `None` where there is no pole with a finite one.
@@ -217,14 +220,7 @@ pub fn identify(
     }
 
     let pool = search.pool(recipe, &plant, ctl)?;
-    if pool.size() > settings.max_candidates {
-        return Err(SsidError::Unaffordable {
-            size: pool.size(),
-            feedforward: pool.feedforward().len() as u64,
-            feedback: pool.feedback().len(),
-            limit: settings.max_candidates,
-        });
-    }
+    check_size(&pool, settings.max_candidates)?;
     ctl.begin_search();
     let optimum = search.search(&problem, &pool, ctl).map_err(|stopped| interrupted(stopped, &problem, &pool, ctl))?;
     if !optimum.cost.is_finite() {
@@ -245,6 +241,7 @@ pub fn identify(
         pool_size: pool.size(),
         feedforward_denominators: pool.feedforward().len() as u64,
         feedback_controllers: pool.feedback().len(),
+        family: family(&problem, &pool, &optimum)?,
         closed_loop_poles,
         slowest_exponent,
         stability_margin: pool.region().margin,
@@ -257,7 +254,7 @@ pub fn identify(
     Ok(identified)
 }
 
-fn weights(weights: Weights, data: &FrequencyData) -> Result<Option<Vec<f64>>, SsidError> {
+pub(super) fn weights(weights: Weights, data: &FrequencyData) -> Result<Option<Vec<f64>>, SsidError> {
     match weights {
         Weights::Uniform => Ok(None),
         Weights::InverseVariance => {
@@ -270,8 +267,17 @@ fn weights(weights: Weights, data: &FrequencyData) -> Result<Option<Vec<f64>>, S
     }
 }
 
+/// Refuses a pool that is larger than allowed.
+pub(super) fn check_size(pool: &Pool, limit: u64) -> Result<(), SsidError> {
+    if pool.size() > limit {
+        let (feedforward, feedback) = (pool.feedforward().len() as u64, pool.feedback().len());
+        return Err(SsidError::Unaffordable { size: pool.size(), feedforward, feedback, limit });
+    }
+    Ok(())
+}
+
 /// A candidate with its best feedforward numerator: its cost by QR, and Gff and Gfb.
-fn controllers(problem: &Problem, pool: &Pool, index: u64) -> Result<(f64, [System; 2]), SsidError> {
+pub(super) fn controllers(problem: &Problem, pool: &Pool, index: u64) -> Result<(f64, [System; 2]), SsidError> {
     let candidate = pool.candidate(pool.position(index));
     let fit = exact::fit(problem, &candidate);
     let numerator: Vec<f64> = candidate.feedback_numerator.iter().map(|c| candidate.feedback_gain * c).collect();

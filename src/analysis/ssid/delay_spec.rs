@@ -1,6 +1,7 @@
 //! Delays of the person, as a spec names them.
 
 use crate::analysis::problem::{Code, Problem};
+use crate::identify::delayed::Pair;
 use crate::identify::refine::{Delay, Delays};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -33,7 +34,11 @@ pub struct DelayRange {
     pub to: f64,
 }
 
-/// Pure delays in the person's feedback and feedforward. The pool is searched without; the refinement has them.
+/// The pool is searched at so many pairs of delays at most.
+const MAX_SEARCHES: usize = 64;
+
+/// Pure delays in the person's feedback and feedforward. The pool is searched without them unless `search` is true; the refinement has
+/// them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DelaySpec {
@@ -43,6 +48,10 @@ pub struct DelaySpec {
     /// In the feedforward. Default: none.
     #[serde(default = "none")]
     pub feedforward_s: DelayValueSpec,
+    /// Whether the pool is searched at every pair of the listed delays as well, each as long as a search without; ranges cannot be.
+    /// The refinement then starts from the best pair. Default: false.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub search: bool,
 }
 
 fn none() -> DelayValueSpec {
@@ -93,7 +102,42 @@ impl DelaySpec {
             let detail = format!("there are {combinations} pairs of delays; at most {MAX_COMBINATIONS} are tried");
             return Err(wrong(detail, "/spec/delay".to_owned()));
         }
+        if self.search {
+            for (delay, at) in [(&delays.feedback, "feedback_s"), (&delays.feedforward, "feedforward_s")] {
+                if matches!(delay, Delay::Range(_)) {
+                    return Err(wrong(
+                        "a pool cannot be searched at every delay of a range",
+                        format!("/spec/delay/{at}"),
+                    )
+                    .mend("List the delays to search at, or leave the search to the refinement."));
+                }
+            }
+            if combinations > MAX_SEARCHES {
+                let detail =
+                    format!("there are {combinations} pairs of delays; the pool is searched at {MAX_SEARCHES} at most");
+                return Err(wrong(detail, "/spec/delay/search".to_owned()));
+            }
+        }
         Ok(delays)
+    }
+
+    /// The pairs at which the pool is searched; none where that is not asked for.
+    pub(super) fn pairs(&self) -> Vec<Pair> {
+        let listed = |spec: &DelayValueSpec| match spec {
+            DelayValueSpec::Fixed(seconds) => vec![*seconds],
+            DelayValueSpec::Grid(points) => points.clone(),
+            DelayValueSpec::Range(_) => Vec::new(),
+        };
+        if !self.search {
+            return Vec::new();
+        }
+        let feedforward = listed(&self.feedforward_s);
+        listed(&self.feedback_s)
+            .into_iter()
+            .flat_map(|feedback_s| {
+                feedforward.iter().map(move |feedforward_s| Pair { feedback_s, feedforward_s: *feedforward_s })
+            })
+            .collect()
     }
 }
 

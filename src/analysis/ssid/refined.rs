@@ -2,7 +2,7 @@
 
 use super::result::{Stability, TrialVaf};
 use crate::analysis::report::Warning;
-use crate::control::Model;
+use crate::control::{Model, System};
 use crate::identify::identifiability::{Identifiability, Structure, judge};
 use crate::identify::problem::{Lines, Problem};
 use crate::identify::refine::{
@@ -146,6 +146,8 @@ pub(super) struct Questions<'a> {
     pub is_weighted_by_noise: bool,
     pub bootstrap: Option<BootstrapSpec>,
     pub delays: Option<&'a Delays>,
+    /// Gff and Gfb to start from instead of the best candidate.
+    pub start: Option<&'a [System; 2]>,
 }
 
 /// The least-squares problem of an identification.
@@ -172,7 +174,8 @@ pub(super) fn refine(
         structure: questions.structure,
         margin_per_s: found.stability_margin,
     };
-    let start = Start::of(&found.feedforward, &found.feedback);
+    let [feedforward, feedback] = questions.start.map_or([&found.feedforward, &found.feedback], |[ff, fb]| [ff, fb]);
+    let start = Start::of(feedforward, feedback);
     let refinement = match questions.delays {
         None => Refinement::new(setup, &start, ctl).map(|refinement| (refinement, Vec::new())),
         Some(delays) => refine_with_delays(setup, &start, delays, ctl),

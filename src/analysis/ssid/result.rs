@@ -1,10 +1,12 @@
 //! The result of an identification.
 
+use super::delayed::DelayedPool;
+use super::family::NearOptimal;
 use super::refined::RefinedResult;
 use super::structures::StructureComparison;
 use crate::control::Model;
 use crate::identify::identifiability::Identifiability;
-use crate::identify::search::{Method, NEAR};
+use crate::identify::search::Method;
 use crate::identify::ssid::Identified;
 use crate::learning::frequency_domain::ControllerMetrics;
 use serde::{Deserialize, Serialize};
@@ -58,15 +60,6 @@ pub struct Fit {
     pub weight: f64,
 }
 
-/// Candidates that fit nearly as well.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct NearOptimal {
-    /// Within this share of the smallest cost.
-    pub within: f64,
-    /// How many, the best one included.
-    pub count: u64,
-}
-
 /// The share of the recorded variation that the identified loop explains, simulated from the command (and the
 /// disturbance, where recorded) of the trial itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -105,8 +98,11 @@ pub struct SsidResult {
     pub cost: f64,
     /// Why it is the best one.
     pub certificate: Certificate,
-    /// Candidates that fit nearly as well.
+    /// Candidates that fit nearly as well: how flat the optimum is.
     pub near_optimal: NearOptimal,
+    /// The pool searched with delays; null where the spec does not ask for that.
+    #[serde(default)]
+    pub delayed: Option<DelayedPool>,
     /// Poles of the closed loop as `[re, im]`: of the feedforward, then of the feedback loop.
     pub closed_loop_poles: Vec<[f64; 2]>,
     /// Closed-loop stability.
@@ -176,7 +172,8 @@ impl SsidResult {
                 decided_by_qr: found.optimum.decided_by_qr,
                 cost_of_coefficients: found.cost_of_coefficients,
             },
-            near_optimal: NearOptimal { within: NEAR, count: found.optimum.near_optimal },
+            near_optimal: NearOptimal::new(found, (metrics.band_rad_s[0], metrics.band_rad_s[1])),
+            delayed: None,
             closed_loop_poles: found.closed_loop_poles.iter().map(|p| [p.re, p.im]).collect(),
             stability: Stability {
                 largest_exponent_per_s: found.slowest_exponent,
