@@ -10,18 +10,29 @@ use serde_json::json;
 use volition::control::{Continuous, Discrete, System, TransferFunction};
 use volition::identify::pool::{Degrees, Pool, PoolSpec};
 use volition::identify::problem::{Lines, Problem};
-use volition::identify::search::{BranchAndBound, Exhaustive, Method, NEAR, Optimum, Prepared, Search};
+use volition::identify::search::{BranchAndBound, Exhaustive, MOST_NEAR, Method, NEAR, Optimum, Prepared, Search};
 use volition::num::{Ctl, Polynomial, linalg};
 
 /// The exhaustive search's answer, which branch and bound must give as well.
 fn both(problem: &Problem, pool: &Pool) -> Optimum {
     let ctl = Ctl::new();
     let slow = Exhaustive.search(problem, pool, &ctl).unwrap();
+    let told = ctl.bracket();
+    ctl.begin_search();
     let prepared = Prepared::new(problem, pool, &ctl).unwrap();
     let fast = BranchAndBound { prepared: &prepared }.search(problem, pool, &ctl).unwrap();
     assert_eq!(fast.method, Method::BranchAndBound);
     assert_eq!((fast.index, fast.cost, fast.near_optimal), (slow.index, slow.cost, slow.near_optimal));
+    assert_eq!(fast.near, slow.near);
+    assert_eq!(slow.near.first(), Some(&(slow.index, slow.cost)));
     assert!(fast.evaluated <= pool.size(), "{} of {}", fast.evaluated, pool.size());
+    for (found, told) in [(&slow, told), (&fast, ctl.bracket())] {
+        let told = told.unwrap();
+        // Costs at the level of rounding are bounded by what rounding may hide.
+        let scale: f64 = problem.lines().iter().map(|line| line.response.norm_sqr()).sum();
+        let rounding = 1e-9 * found.cost + 1e-20 * scale;
+        assert!(told.bound <= found.cost + rounding && found.cost <= told.incumbent + rounding, "{told:?} {found:?}");
+    }
     slow
 }
 
@@ -217,6 +228,13 @@ fn check(case: &Case) -> Result<bool, TestCaseError> {
     let count = |limit: f64| costs.iter().filter(|c| **c <= limit).count() as u64;
     let near = (1.0 + NEAR) * cost;
     prop_assert!((count(near * (1.0 - 1e-9))..=count(near * (1.0 + 1e-9))).contains(&found.near_optimal));
+    let mut sorted: Vec<f64> = costs.iter().copied().filter(|c| *c <= near).collect();
+    sorted.sort_by(f64::total_cmp);
+    for ((index, own), expected) in found.near.iter().zip(&sorted) {
+        prop_assert!((own - expected).abs() <= 1e-9 * cost, "near {} and {}", own, expected);
+        prop_assert!((costs[*index as usize] - own).abs() <= 1e-9 * cost, "the cost of {} is not {}", index, own);
+    }
+    prop_assert!(found.near.len() >= sorted.len().min(MOST_NEAR).saturating_sub(1));
     Ok(true)
 }
 

@@ -208,6 +208,7 @@ impl Virtual {
                     control: Vec::new(),
                     output: Vec::new(),
                     noise: vec![None; self.omega.len()],
+                    variance: [0.0; 2],
                 };
                 for omega in &self.omega {
                     let amplitude = 1.0 / omega;

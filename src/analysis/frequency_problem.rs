@@ -1,6 +1,7 @@
 //! Settings of frequency data as people write them, and what can be wrong with them and with the data, as problems.
 
 use super::problem::{Code, Problem};
+use super::reading;
 use super::trial_input::ResolvedTrial;
 use crate::identify::frequency::{CheckedSettings, FrequencyError, FrequencySettings, SettingsError, Stimulus};
 use serde_json::{Map, Value};
@@ -10,20 +11,8 @@ use serde_json::{Map, Value};
 /// # Errors
 /// An `invalid` [`Problem`] that names the field.
 pub fn parse_settings(members: Map<String, Value>, pointer: &str) -> Result<CheckedSettings, Problem> {
-    // One at a time first, since the deserialiser does not say where it stopped.
-    for (name, value) in &members {
-        let alone = Value::Object(Map::from_iter([(name.clone(), value.clone())]));
-        if let Err(error) = serde_json::from_value::<FrequencySettings>(alone) {
-            return Err(unreadable(&error, format!("{pointer}/{}", name.replace('~', "~0").replace('/', "~1"))));
-        }
-    }
-    let settings: FrequencySettings =
-        serde_json::from_value(Value::Object(members)).map_err(|error| unreadable(&error, pointer.to_owned()))?;
+    let settings: FrequencySettings = reading::members(&members, pointer, "unusable setting")?;
     settings.check().map_err(|error| settings_problem(&error, pointer))
-}
-
-fn unreadable(error: &serde_json::Error, location: String) -> Problem {
-    Problem::new(Code::Invalid, "unusable setting", error.to_string()).at(location)
 }
 
 fn settings_problem(error: &SettingsError, pointer: &str) -> Problem {

@@ -26,10 +26,13 @@ use super::inputs::{Library, References};
 use super::kind::{Kind, Request};
 use super::plan::{Failure, Incumbent};
 use super::problem::{Code, Problem};
+use super::reading::Resolved;
 use super::report::{Effort, Report, Warning};
 use super::trial_input::{ResolvedTrial, inputs_sha256};
 use crate::control::{System, TransferFunction};
-use crate::identify::frequency::{Channels, Estimate, FrequencyError, VarianceSource, estimate_between};
+use crate::identify::frequency::{
+    Channels, Estimate, FrequencyError, Repeats, VarianceSource, estimate_between, repeats,
+};
 use crate::identify::refine::Refined;
 use crate::identify::search::Automatic;
 use crate::identify::ssid::{Identified, Settings, SsidError, Weights, identify};
@@ -68,6 +71,8 @@ struct Material {
     trials: Vec<ResolvedTrial>,
     /// Trials that are only simulated.
     held_out: Vec<ResolvedTrial>,
+    /// The trials or segments, each left out in turn; only where structures are compared.
+    repeats: Option<Repeats>,
     /// The noise of the response, where it is known at all.
     noise: Option<KnownNoise>,
     warnings: Vec<Warning>,
@@ -111,7 +116,8 @@ impl Plan {
     /// # Errors
     /// [`Failure::Stopped`] or [`Failure::Interrupted`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question.
     pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
-        let Material { plant, data, trials, held_out, noise, mut warnings, hashes } = self.material(library, ctl)?;
+        let Material { plant, data, trials, held_out, noise, repeats, mut warnings, hashes } =
+            self.material(library, ctl)?;
         let written = self.spec();
         let settings = Settings {
             recipe: self.spec.recipe().clone(),
@@ -192,6 +198,7 @@ impl Plan {
                 &plant,
                 &data,
                 noise.as_ref(),
+                repeats.as_ref(),
                 settings.sample_time_s,
                 &library.shared,
                 ctl,
@@ -226,16 +233,19 @@ impl Plan {
                     are_independent: true,
                 });
                 let (trials, held_out, warnings) = (Vec::new(), Vec::new(), Vec::new());
-                Ok(Material { plant: system, data: data.data(), trials, held_out, noise, warnings, hashes })
+                Ok(Material {
+                    plant: system,
+                    data: data.data(),
+                    trials,
+                    held_out,
+                    noise,
+                    repeats: None,
+                    warnings,
+                    hashes,
+                })
             }
-            SsidInputs::Trials { fitted, held_out } => {
-                let resolved = fitted.resolve(library)?;
-                let plant = problems::common_plant(&resolved)?;
-                problems::check_sample_times(&plant, &resolved)?;
-                let held_out = match held_out {
-                    Some(inputs) => problems::held_out(inputs, library, &plant, &resolved)?,
-                    None => Vec::new(),
-                };
+            SsidInputs::Trials(inputs) => {
+                let Resolved { plant, fitted: resolved, held_out } = inputs.resolve(library)?;
                 let trials: Vec<&Trial> = resolved.iter().map(ResolvedTrial::trial).collect();
                 let Some(settings) = self.spec.frequency() else {
                     // The spec of trials always has settings; see `CheckedSpec::parse`.
@@ -246,18 +256,23 @@ impl Plan {
                     )
                     .into());
                 };
-                let estimate =
-                    estimate_between(&trials, settings, Channels::default(), ctl).map_err(|error| match error {
-                        FrequencyError::Stopped(stopped) => Failure::Stopped(stopped),
-                        error => Failure::Problem(frequency_problem::problem(&error, &resolved, "/spec/frequency")),
-                    })?;
+                let failed = |error| match error {
+                    FrequencyError::Stopped(stopped) => Failure::Stopped(stopped),
+                    error => Failure::Problem(frequency_problem::problem(&error, &resolved, "/spec/frequency")),
+                };
+                let estimate = estimate_between(&trials, settings, Channels::default(), ctl).map_err(failed)?;
+                let repeats = if self.spec.structures().is_empty() {
+                    None
+                } else {
+                    repeats(&trials, settings, &estimate, Channels::default(), ctl).map_err(failed)?
+                };
                 let mut warnings: Vec<Warning> = divergent_warning(&resolved).into_iter().collect();
                 warnings.extend(estimate.warnings.iter().map(Warning::from));
                 warnings.extend(divergent_warning(&held_out));
                 let mut hashes = inputs_sha256(&resolved, true);
                 hashes.extend(inputs_sha256(&held_out, false));
                 let (data, noise) = (estimate.data(), noise_of(&estimate));
-                Ok(Material { plant, data, trials: resolved, held_out, noise, warnings, hashes })
+                Ok(Material { plant, data, trials: resolved, held_out, noise, repeats, warnings, hashes })
             }
         }
     }

@@ -13,6 +13,7 @@
 mod findings;
 mod inputs;
 mod pool;
+mod prediction;
 mod result;
 mod spec;
 
@@ -22,11 +23,12 @@ use super::inputs::{Library, References};
 use super::kind::{Kind, Request};
 use super::plan::Failure;
 use super::problem::{Code, Problem};
+use super::reading::Resolved;
 use super::report::{Report, Warning, sha256_json};
 use super::ssid::problems;
 use super::trial_input::{ResolvedTrial, inputs_sha256};
 use crate::control::System;
-use crate::identify::frequency::stimuli::stimulus_lines;
+use crate::identify::frequency::stimuli::{StimulusLines, stimulus_lines};
 use crate::identify::frequency::{FrequencyError, Stimulus};
 use crate::identify::two_stimulus::controllers::{Controllers, controllers};
 use crate::identify::two_stimulus::fit::{FitError, FitSettings, Fitted, fit};
@@ -38,6 +40,7 @@ use crate::trial::Trial;
 pub use inputs::{StimulusResponsesInput, TwoStimulusInputs};
 use num_complex::Complex64;
 pub use pool::PoolResult;
+pub use prediction::{Ceiling, MeanShare, RegularisedResult};
 pub use result::{
     Agreement, ControllerAtLine, FittedAtLine, FittedLine, FittedParameter, Shares, StructureFit, TrialShare,
     TwoStimulusLine, TwoStimulusResult,
@@ -48,7 +51,7 @@ pub use spec::TwoStimulusSpec;
 use std::collections::BTreeMap;
 
 /// Version of [`TwoStimulusResult`].
-const RESULT_VERSION: u32 = 1;
+const RESULT_VERSION: u32 = 2;
 
 /// A checked request.
 #[derive(Debug, Clone, PartialEq)]
@@ -62,6 +65,10 @@ pub struct Plan {
 struct Material {
     plant: System,
     lines: Vec<LineResponse>,
+    /// What the responses were estimated from; `None` where the request carries them.
+    stimuli: Option<StimulusLines>,
+    /// Of the trials to validate on.
+    held_out_stimuli: Option<StimulusLines>,
     trials: Vec<ResolvedTrial>,
     held_out: Vec<ResolvedTrial>,
     warnings: Vec<Warning>,
@@ -107,15 +114,19 @@ impl Plan {
     /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question: `not_identifiable` where the
     /// disturbance excites nothing, since the command alone does not determine the feedback.
     pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
-        let Material { plant, lines, trials, held_out, mut warnings, hashes } = self.material(library, ctl)?;
+        let Material { plant, lines, stimuli, held_out_stimuli, trials, held_out, mut warnings, hashes } =
+            self.material(library, ctl)?;
         if !lines.iter().any(|line| line.disturbance.is_some()) {
             return Err(no_disturbance(&lines).into());
         }
         let free = controllers(&lines);
         findings::of_estimate(&free, &plant, self.inputs.is_responses(), &mut warnings);
-        let mut fits = Vec::new();
+        let (mut fits, mut laws) = (Vec::new(), Vec::new());
         for (i, structure) in self.spec().structures.iter().enumerate() {
-            fits.push(self.fitted(i, *structure, &plant, &free, &lines, &trials, &held_out, &mut warnings, ctl)?);
+            let (fit, law) =
+                self.fitted(i, *structure, &plant, &free, &lines, &trials, &held_out, &mut warnings, ctl)?;
+            fits.push(fit);
+            laws.push(law);
         }
         let best = (0..fits.len()).filter(|i| fits[*i].akaike.is_some()).min_by(|a, b| {
             fits[*a].akaike.unwrap_or(f64::INFINITY).total_cmp(&fits[*b].akaike.unwrap_or(f64::INFINITY))
@@ -128,8 +139,17 @@ impl Plan {
             None => None,
             Some((recipe, limit)) => Some(pool::best(recipe, &plant, sample_time_s, &lines, limit, ctl)?),
         };
+        let regularised = if self.spec().regularise {
+            let law = best.and_then(|best| Some((best, laws[best].as_ref()?)));
+            let both = [stimuli.as_ref(), held_out_stimuli.as_ref()];
+            Some(prediction::regularised(law, both, [&trials, &held_out], ctl).map_err(Failure::Stopped)?)
+        } else {
+            None
+        };
         let result = TwoStimulusResult {
             pool,
+            ceiling: stimuli.as_ref().map(prediction::ceiling),
+            regularised,
             lines: free.lines.iter().map(Into::into).collect(),
             inverse_distance: inverse_distance(&free, &plant),
             fits,
@@ -152,7 +172,7 @@ impl Plan {
         held_out: &[ResolvedTrial],
         warnings: &mut Vec<Warning>,
         ctl: &Ctl,
-    ) -> Result<StructureFit, Failure> {
+    ) -> Result<(StructureFit, Option<Fitted>), Failure> {
         let spec = self.spec();
         let logs: Vec<f64> = lines.iter().map(|line| line.omega_rad_s.ln()).collect();
         let scale = crate::num::stats::mean(&logs).map_or(1.0, f64::exp);
@@ -169,7 +189,7 @@ impl Plan {
                 if !matches!(error, FitError::NoCommand) {
                     warnings.push(Warning::new("structure_not_fitted", format!("structure {}: {error}", position + 1)));
                 }
-                return Ok(StructureFit::failed(structure, error.to_string()));
+                return Ok((StructureFit::failed(structure, error.to_string()), None));
             }
         };
         let highest = lines.iter().map(|line| line.omega_rad_s).fold(0.0, f64::max);
@@ -177,7 +197,8 @@ impl Plan {
             (!trials.is_empty())
                 .then(|| Shares::new(trials.iter().map(|trial| share(&fitted, trial, highest)).collect()))
         };
-        Ok(StructureFit::new(&fitted, free, shares(trials), shares(held_out)))
+        let fit = StructureFit::new(&fitted, free, shares(trials), shares(held_out));
+        Ok((fit, Some(fitted)))
     }
 
     fn material(&self, library: &Library, ctl: &Ctl) -> Result<Material, Failure> {
@@ -209,31 +230,11 @@ impl Plan {
                     ));
                 }
                 let (trials, held_out, warnings) = (Vec::new(), Vec::new(), Vec::new());
-                Ok(Material { plant: system, lines, trials, held_out, warnings, hashes })
+                let (stimuli, held_out_stimuli) = (None, None);
+                Ok(Material { plant: system, lines, stimuli, held_out_stimuli, trials, held_out, warnings, hashes })
             }
-            TwoStimulusInputs::Trials { trials: inputs, validate_on } => {
-                let trials = inputs.resolve(library)?;
-                let held_out = match validate_on {
-                    Some(held_out) => held_out.resolve(library).map_err(inputs::renamed)?,
-                    None => Vec::new(),
-                };
-                let held_out: Vec<ResolvedTrial> = held_out
-                    .into_iter()
-                    .map(|mut trial| {
-                        trial.name = trial.name.replacen("/inputs/trials", "/inputs/validate_on", 1);
-                        trial
-                    })
-                    .collect();
-                if let Some(twin) = held_out.iter().find(|h| trials.iter().any(|t| t.sha256 == h.sha256)) {
-                    let detail = "a trial to validate on is among those that are estimated from";
-                    return Err(Problem::new(Code::Invalid, "unusable inputs", detail)
-                        .at(twin.name.clone())
-                        .mend("Keep them apart: a model explains best what it was fitted to.")
-                        .into());
-                }
-                let all: Vec<ResolvedTrial> = trials.iter().chain(&held_out).cloned().collect();
-                let plant = problems::common_plant(&all)?;
-                problems::check_sample_times(&plant, &all)?;
+            TwoStimulusInputs::Trials(inputs) => {
+                let Resolved { plant, fitted: trials, held_out } = inputs.resolve(library)?;
                 let refs: Vec<&Trial> = trials.iter().map(ResolvedTrial::trial).collect();
                 let Some(settings) = self.spec.frequency() else {
                     // The spec of trials always has settings; see `CheckedSpec::parse`.
@@ -244,13 +245,26 @@ impl Plan {
                     FrequencyError::Stopped(stopped) => Failure::Stopped(stopped),
                     error => Failure::Problem(frequency_problem::problem(&error, &trials, "/spec/frequency")),
                 })?;
-                let mut warnings: Vec<Warning> = divergent_warning(&all).into_iter().collect();
+                let mut warnings: Vec<Warning> = divergent_warning(&trials).into_iter().collect();
+                warnings.extend(divergent_warning(&held_out));
                 warnings.extend(lines.warnings.iter().map(Warning::from));
                 if !lines.has(Stimulus::Disturbance) {
                     return Err(no_disturbance(&[]).into());
                 }
-                let hashes = inputs_sha256(&all, true);
-                Ok(Material { plant, lines: responses(&lines), trials, held_out, warnings, hashes })
+                let mut hashes = inputs_sha256(&trials, true);
+                hashes.extend(inputs_sha256(&held_out, false));
+                let held_refs: Vec<&Trial> = held_out.iter().map(ResolvedTrial::trial).collect();
+                let held_out_stimuli = if held_refs.is_empty() || !self.spec().regularise {
+                    None
+                } else {
+                    let found = stimulus_lines(&held_refs, settings, ctl).map_err(|error| match error {
+                        FrequencyError::Stopped(stopped) => Failure::Stopped(stopped),
+                        error => Failure::Problem(frequency_problem::problem(&error, &held_out, "/spec/frequency")),
+                    })?;
+                    Some(found)
+                };
+                let (responses, stimuli) = (responses(&lines), Some(lines));
+                Ok(Material { plant, lines: responses, stimuli, held_out_stimuli, trials, held_out, warnings, hashes })
             }
         }
     }

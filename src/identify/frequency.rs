@@ -24,6 +24,7 @@
 mod error;
 mod estimate;
 mod excited;
+mod repeats;
 mod segments;
 mod settings;
 mod spectrum;
@@ -33,6 +34,7 @@ mod warnings;
 
 pub use error::FrequencyError;
 pub use estimate::{Estimate, UsedSegment, VarianceSource, estimate, estimate_between};
+pub use repeats::{Fold, MOST_FOLDS, RepeatKind, Repeats, repeats};
 pub use settings::{
     Average, Bounds, Channels, CheckedSettings, CountSegments, Detrend, EndSample, FrequencySettings, LengthSegments,
     Lines, Response, Segments, SettingsError, Stimulus, Window,

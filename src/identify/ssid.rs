@@ -226,6 +226,9 @@ pub fn identify(
     if !optimum.cost.is_finite() {
         return Err(SsidError::NotFinite("cost: the data are too large"));
     }
+    // Found and proven, by QR; whoever stops what follows still has it.
+    ctl.begin_search();
+    ctl.set_bracket(Bracket { incumbent: optimum.cost, bound: optimum.cost, index: optimum.index });
     let time = pool.region().time;
     let (_, [feedforward, feedback]) = controllers(&problem, &pool, optimum.index)?;
     let (closed_loop_poles, model) = closed_loop(&plant, &feedforward, &feedback, &lines.used)?;

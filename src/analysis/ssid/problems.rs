@@ -1,9 +1,7 @@
 //! What keeps an identification from a result, as problems.
 
-use super::inputs::HELD_OUT;
-use crate::analysis::inputs::Library;
 use crate::analysis::problem::{Code, Problem};
-use crate::analysis::trial_input::{ResolvedTrial, TrialInputs};
+use crate::analysis::trial_input::ResolvedTrial;
 use crate::control::conversion::ConversionError;
 use crate::control::{Model, ModelError, System};
 use crate::identify::pool::PoolError;
@@ -49,33 +47,6 @@ pub(in crate::analysis) fn common_plant(trials: &[ResolvedTrial]) -> Result<Syst
     common
         .map(|(plant, _)| plant)
         .ok_or_else(|| Problem::new(Code::Invalid, "no trial", "there is no trial to identify from").at("/inputs"))
-}
-
-/// The trials to validate on: on the same plant, at the same sample time, and none of those that are fitted.
-pub(super) fn held_out(
-    inputs: &TrialInputs,
-    library: &Library,
-    plant: &System,
-    fitted: &[ResolvedTrial],
-) -> Result<Vec<ResolvedTrial>, Problem> {
-    let moved = |mut problem: Problem| {
-        problem.location = problem.location.map(|at| at.replacen("/inputs/trials", HELD_OUT, 1));
-        problem
-    };
-    let mut trials = inputs.resolve(library).map_err(moved)?;
-    for trial in &mut trials {
-        trial.name = trial.name.replacen("/inputs/trials", HELD_OUT, 1);
-        if let Some(twin) = fitted.iter().find(|other| other.sha256 == trial.sha256) {
-            let detail = format!("{} is fitted too ({}), and a fit is no validation of itself", trial.name, twin.name);
-            return Err(Problem::new(Code::Invalid, "not held out", detail).at(trial.name.clone()));
-        }
-    }
-    if common_plant(&trials)? != *plant {
-        let detail = "the trials to validate on were recorded on another plant than those that are fitted";
-        return Err(Problem::new(Code::Invalid, "different plants", detail).at(HELD_OUT));
-    }
-    check_sample_times(plant, &trials)?;
-    Ok(trials)
 }
 
 /// A sampled plant must have the trials' sample time.

@@ -5,6 +5,7 @@ use super::refined::{BootstrapSpec, MAX_DRAWS};
 use super::structures::{MAX_STRUCTURES, StructureSpec};
 use crate::analysis::frequency_problem;
 use crate::analysis::problem::{Code, Problem};
+use crate::analysis::reading::{self, wrong_spec as wrong};
 use crate::identify::frequency::{CheckedSettings, FrequencySettings};
 use crate::identify::pool::{Degrees, PoolName, PoolSpec, PoolSpecError, Recipe};
 use crate::identify::refine::Delays;
@@ -91,10 +92,6 @@ pub(super) struct CheckedSpec {
     structures: Vec<Recipe>,
 }
 
-fn wrong(detail: impl Into<String>, location: impl Into<String>) -> Problem {
-    Problem::new(Code::Invalid, "unusable spec", detail).at(location)
-}
-
 fn pool_problem(error: &PoolSpecError) -> Problem {
     let code = if error.too_large { Code::Unaffordable } else { Code::Invalid };
     let problem =
@@ -105,19 +102,7 @@ fn pool_problem(error: &PoolSpecError) -> Problem {
 impl CheckedSpec {
     /// Checks the `spec` of a request.
     pub(super) fn parse(spec: &Value, is_frequency_data: bool) -> Result<Self, Problem> {
-        let Value::Object(members) = spec else {
-            return Err(wrong("the spec is no object", "/spec"));
-        };
-        // One at a time first, since the deserialiser does not say where it stopped.
-        for (name, value) in members {
-            let alone = Value::Object(Map::from_iter([(name.clone(), value.clone())]));
-            if let Err(error) = serde_json::from_value::<Written>(alone) {
-                let location = format!("/spec/{}", name.replace('~', "~0").replace('/', "~1"));
-                return Err(wrong(error.to_string(), location));
-            }
-        }
-        let written: Written =
-            serde_json::from_value(spec.clone()).map_err(|error| wrong(error.to_string(), "/spec"))?;
+        let written: Written = reading::spec(spec)?;
         let Some(pool) = written.pool else {
             return Err(wrong("there is no pool of candidates", "/spec")
                 .mend("Add \"pool\": \"zhang2015_appendix_b\", \"zhang2015_appendix_c\", or a grid of one's own."));

@@ -5,7 +5,7 @@ use super::spec::CheckedSpec;
 use crate::analysis::plan::Failure;
 use crate::analysis::report::Warning;
 use crate::control::System;
-use crate::identify::frequency::FrequencyData;
+use crate::identify::frequency::{FrequencyData, RepeatKind, Repeats};
 use crate::identify::refine::{Criteria, RefineError, Refinement, Setup, Start};
 use crate::identify::search::{Automatic, Shared};
 use crate::identify::ssid::{Settings, SsidError, Weights, identify};
@@ -73,19 +73,31 @@ pub struct StructureComparison {
     pub bic_choice: Option<usize>,
     /// With the smallest sum of squared errors of lines left out.
     pub cross_validation_choice: Option<usize>,
+    /// With the smallest mean squared error of trials (or segments) left out.
+    #[serde(default)]
+    pub repeats_choice: Option<usize>,
+    /// What `cross_validation_over_repeats` leaves out; null where there is a single segment, or frequency data in the request.
+    #[serde(default)]
+    pub repeats: Option<RepeatKind>,
+    /// Parts that are left out, one after the other.
+    #[serde(default)]
+    pub folds: usize,
 }
 
 /// Identifies and refines every structure.
+#[expect(clippy::too_many_arguments, reason = "one call, of what the run has at hand")]
 pub(super) fn compare(
     spec: &CheckedSpec,
     plant: &System,
     data: &FrequencyData,
     noise: Option<&KnownNoise>,
+    repeats: Option<&Repeats>,
     sample_time_s: Option<f64>,
     shared: &Shared,
     ctl: &Ctl,
 ) -> Result<StructureComparison, Failure> {
     let noise = noise.filter(|n| n.degrees_of_freedom >= MANY_DEGREES && data.variance.is_some());
+    let folds = repeats.map_or(&[][..], |r| &r.folds);
     let mut rows = Vec::new();
     for recipe in spec.structures() {
         let structure = recipe.structure();
@@ -121,7 +133,7 @@ pub(super) fn compare(
                             Err(error) => Err(error.to_string()),
                             Ok(refinement) => {
                                 let noise = noise.and_then(|n| n.at_lines(&found));
-                                Ok(refinement.criteria(noise.as_ref(), ctl).map_err(Failure::Stopped)?)
+                                Ok(refinement.criteria(noise.as_ref(), folds, ctl).map_err(Failure::Stopped)?)
                             }
                         }
                     }
@@ -146,6 +158,9 @@ pub(super) fn compare(
         aic_choice: least(|c| Some(c.aic)),
         bic_choice: least(|c| Some(c.bic)),
         cross_validation_choice: least(|c| c.cross_validation),
+        repeats_choice: least(|c| c.cross_validation_over_repeats),
+        repeats: repeats.map(|r| r.kind),
+        folds: folds.len(),
         rows,
     })
 }
@@ -155,7 +170,8 @@ pub(super) fn warn(comparison: &StructureComparison, own: [usize; 4], warnings: 
     for (name, choice) in [
         ("AIC", comparison.aic_choice),
         ("BIC", comparison.bic_choice),
-        ("cross-validation", comparison.cross_validation_choice),
+        ("cross-validation over lines", comparison.cross_validation_choice),
+        ("cross-validation over trials or segments", comparison.repeats_choice),
     ] {
         if let Some(degrees) = choice.map(|i| comparison.rows[i].degrees).filter(|d| *d != own) {
             warnings.push(Warning::new(

@@ -1,6 +1,7 @@
 //! What is identified from: a plant and matrices of frequency data in the request.
 
 use crate::analysis::problem::{Code, Problem};
+use crate::analysis::reading;
 use crate::control::MultivariableModel;
 use crate::identify::mimo::MatrixFrequencyData;
 use nalgebra::DMatrix;
@@ -8,9 +9,6 @@ use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
-
-/// Lines of frequency data at most.
-const MAX_LINES: usize = 10_000;
 
 /// Rows and columns of a response at most.
 const MAX_CHANNELS: usize = 16;
@@ -64,23 +62,9 @@ impl MatrixFrequencyResponseInput {
     }
 
     fn check(&self) -> Result<(), Problem> {
-        const AT: &str = "/inputs/frequency_response";
-        let wrong = |detail: String, field: String| wrong(detail, format!("{AT}/{field}"));
         let lines = self.omega_rad_s.len();
-        if lines == 0 || lines > MAX_LINES {
-            let detail = format!("there are {lines} frequencies; 1 to {MAX_LINES} are taken");
-            return Err(wrong(detail, "omega_rad_s".to_owned()));
-        }
-        if self.h.len() != lines {
-            return Err(wrong(format!("there are {} responses at {lines} frequencies", self.h.len()), "h".to_owned()));
-        }
-        for (i, omega) in self.omega_rad_s.iter().enumerate() {
-            let is_after = i == 0 || *omega > self.omega_rad_s[i - 1];
-            if !(omega.is_finite() && *omega >= 0.0 && is_after) {
-                let detail = format!("the frequency {omega} is negative, or does not increase from the one before");
-                return Err(wrong(detail, format!("omega_rad_s/{i}")));
-            }
-        }
+        reading::check_frequencies(&self.omega_rad_s, true)?;
+        reading::check_responses(self.h.len(), lines, "h")?;
         for (k, rows) in self.h.iter().enumerate() {
             let columns = rows.first().map_or(0, Vec::len);
             if rows.is_empty() || columns == 0 || rows.len() > MAX_CHANNELS || columns > MAX_CHANNELS {
@@ -88,26 +72,17 @@ impl MatrixFrequencyResponseInput {
                     "the response at line {k} (counted from 0) is {}x{columns}; 1 to {MAX_CHANNELS} rows and columns are taken",
                     rows.len()
                 );
-                return Err(wrong(detail, format!("h/{k}")));
+                return Err(reading::wrong_data(detail, format!("h/{k}")));
             }
             if let Some(row) = rows.iter().position(|row| row.len() != columns) {
                 let detail = format!(
                     "the response at line {k} (counted from 0) is ragged: row {row} has {} columns, and row 0 has {columns}",
                     rows[row].len()
                 );
-                return Err(wrong(detail, format!("h/{k}/{row}")));
+                return Err(reading::wrong_data(detail, format!("h/{k}/{row}")));
             }
         }
-        if let Some(variance) = &self.variance {
-            if variance.len() != lines {
-                let detail = format!("there are {} variances at {lines} frequencies", variance.len());
-                return Err(wrong(detail, "variance".to_owned()));
-            }
-            if let Some(i) = variance.iter().position(|v| !(v.is_finite() && *v > 0.0)) {
-                return Err(wrong(format!("the variance {} is not positive", variance[i]), format!("variance/{i}")));
-            }
-        }
-        Ok(())
+        reading::check_variances(self.variance.as_deref(), lines, "variance")
     }
 }
 
@@ -122,7 +97,7 @@ impl SsidMimoInputs {
         }
         let Value::Object(members) = inputs else { return Err(wrong("the inputs are no object", "/inputs")) };
         for name in members.keys() {
-            let at = format!("/inputs/{}", name.replace('~', "~0").replace('/', "~1"));
+            let at = reading::pointer("/inputs", name);
             match name.as_str() {
                 "plant" | "measured_outputs" | "fed_back_outputs" | "frequency_response" => {}
                 "trial" | "trials" => {

@@ -1,11 +1,12 @@
 //! How it is identified: as written, and checked.
 
 use crate::analysis::problem::{Code, Problem};
+use crate::analysis::reading::{self, wrong_spec as wrong};
 use crate::identify::mimo::FeedbackPool;
 use crate::identify::pool::spec::Axis;
 use crate::identify::ssid::Weights;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
+use serde_json::Value;
 use utoipa::ToSchema;
 
 /// Candidates tried where the spec does not say otherwise.
@@ -79,33 +80,17 @@ pub(super) struct CheckedSpec {
     pool: FeedbackPool,
 }
 
-fn wrong(detail: impl Into<String>, location: impl Into<String>) -> Problem {
-    Problem::new(Code::Invalid, "unusable spec", detail).at(location)
-}
-
 impl CheckedSpec {
     /// Checks the `spec` of a request.
     pub(super) fn parse(spec: &Value) -> Result<Self, Problem> {
-        let Value::Object(members) = spec else {
-            return Err(wrong("the spec is no object", "/spec"));
-        };
-        if let Some(pool) = members.get("pool").filter(|pool| pool.get("matrix_grid").is_none()) {
+        if let Some(pool) = spec.get("pool").filter(|pool| pool.get("matrix_grid").is_none()) {
             return Err(wrong(
                 format!("the pool {pool} holds no controllers with several inputs and outputs"),
                 "/spec/pool",
             )
             .mend("Add \"pool\": {\"matrix_grid\": {\"feedback_numerator\": [[[axis, ..], ..], ..]}}."));
         }
-        // One at a time first, since the deserialiser does not say where it stopped.
-        for (name, value) in members {
-            let alone = Value::Object(Map::from_iter([(name.clone(), value.clone())]));
-            if let Err(error) = serde_json::from_value::<Written>(alone) {
-                let location = format!("/spec/{}", name.replace('~', "~0").replace('/', "~1"));
-                return Err(wrong(error.to_string(), location));
-            }
-        }
-        let written: Written =
-            serde_json::from_value(spec.clone()).map_err(|error| wrong(error.to_string(), "/spec"))?;
+        let written: Written = reading::spec(spec)?;
         let Some(pool) = written.pool else {
             return Err(wrong("there is no pool of candidates", "/spec")
                 .mend("Add \"pool\": {\"matrix_grid\": {\"feedback_numerator\": [[[axis, ..], ..], ..]}}."));

@@ -1,6 +1,7 @@
 //! The result of a two-stimulus estimate.
 
 use super::pool::PoolResult;
+use super::prediction::{Ceiling, RegularisedResult};
 use crate::identify::two_stimulus::controllers::{Controllers, Estimated, LineControllers};
 use crate::identify::two_stimulus::fit::{Band, Fitted};
 use crate::identify::two_stimulus::responses::NoiseSource;
@@ -213,6 +214,12 @@ pub struct TwoStimulusResult {
     pub fits: Vec<StructureFit>,
     /// The best candidate of the pool; null where the spec has none.
     pub pool: Option<PoolResult>,
+    /// How much of the trials' variation a linear response to the stimuli could account for; null with responses in the request.
+    #[serde(default)]
+    pub ceiling: Option<Ceiling>,
+    /// The estimate shrunk towards the best structure; null unless the spec asks for it.
+    #[serde(default)]
+    pub regularised: Option<RegularisedResult>,
     /// Position of the structure with the smallest `akaike`; null where none has one.
     pub best: Option<usize>,
 }

@@ -2,6 +2,7 @@
 
 use crate::analysis::frequency_problem;
 use crate::analysis::problem::{Code, Problem};
+use crate::analysis::reading::{self, wrong_spec as wrong};
 use crate::identify::frequency::{CheckedSettings, FrequencySettings};
 use crate::identify::pool::{Degrees, PoolSpec, Recipe};
 use crate::identify::two_stimulus::fit::Channel;
@@ -53,6 +54,9 @@ pub struct TwoStimulusSpec {
     pub starts: usize,
     /// The seed of the starts. Default: 0.
     pub seed: u64,
+    /// Whether the estimate without structure is shrunk towards the best structure and predicts the trials of `validate_on`; trials only, and few
+    /// enough that their excited lines together are at most 1000. Default: false.
+    pub regularise: bool,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -70,6 +74,7 @@ struct Written {
     delay_s: Option<[f64; 2]>,
     starts: Option<usize>,
     seed: Option<u64>,
+    regularise: Option<bool>,
 }
 
 /// A checked spec.
@@ -80,26 +85,10 @@ pub(super) struct CheckedSpec {
     frequency: Option<CheckedSettings>,
 }
 
-fn wrong(detail: impl Into<String>, location: impl Into<String>) -> Problem {
-    Problem::new(Code::Invalid, "unusable spec", detail).at(location)
-}
-
 impl CheckedSpec {
     /// Checks the `spec` of a request.
     pub(super) fn parse(spec: &Value, is_responses: bool) -> Result<Self, Problem> {
-        let Value::Object(members) = spec else {
-            return Err(wrong("the spec is no object", "/spec"));
-        };
-        // One at a time first, since the deserialiser does not say where it stopped.
-        for (name, value) in members {
-            let alone = Value::Object(Map::from_iter([(name.clone(), value.clone())]));
-            if let Err(error) = serde_json::from_value::<Written>(alone) {
-                let location = format!("/spec/{}", name.replace('~', "~0").replace('/', "~1"));
-                return Err(wrong(error.to_string(), location));
-            }
-        }
-        let written: Written =
-            serde_json::from_value(spec.clone()).map_err(|error| wrong(error.to_string(), "/spec"))?;
+        let written: Written = reading::spec(spec)?;
         let frequency = match (written.frequency, is_responses) {
             (Some(_), true) => {
                 return Err(wrong(
@@ -157,6 +146,11 @@ impl CheckedSpec {
         if !(1..=MOST_STARTS).contains(&starts) {
             return Err(wrong(format!("there are {starts} starts; 1 to {MOST_STARTS} are made"), "/spec/starts"));
         }
+        let regularise = written.regularise.unwrap_or(false);
+        if regularise && is_responses {
+            return Err(wrong("responses in the request are no trials to learn changes from", "/spec/regularise")
+                .mend("Leave it out, or give trials."));
+        }
         let default = if is_responses { Channel::Output } else { Channel::Control };
         let written = TwoStimulusSpec {
             structures,
@@ -171,6 +165,7 @@ impl CheckedSpec {
             delay_s,
             starts,
             seed: written.seed.unwrap_or(0),
+            regularise,
         };
         Ok(Self { written, recipe, frequency })
     }

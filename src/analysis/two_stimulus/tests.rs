@@ -125,7 +125,7 @@ fn every_refusal_names_its_place() {
     let id = "0190b3e0-0000-7000-8000-000000000001";
     let inputs = json!({"trials": [id], "validate_on": [id]});
     let Err(Failure::Problem(problem)) = run(inputs, json!({})) else { panic!("validated on itself") };
-    assert_eq!(problem.location.as_deref(), Some("/inputs/validate_on"));
+    assert_eq!(problem.location.as_deref(), Some("/inputs/validate_on/0"));
 }
 
 #[test]

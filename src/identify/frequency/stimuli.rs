@@ -55,6 +55,8 @@ pub struct SegmentLines {
     pub output: Vec<Complex64>,
     /// The noise beside each line, where there are dark lines enough.
     pub noise: Vec<Option<NearbyNoise>>,
+    /// Variance of control and output over the samples of the segment.
+    pub variance: [f64; 2],
 }
 
 /// All segments of all trials at the lines.
@@ -257,7 +259,15 @@ fn transform(trial: &Trial, piece: &Piece, settings: &CheckedSettings, frequency
         frequency_hz.iter().map(|f| nearby(&grids, &dark, on_grid(*f, length_s)?, scale)).collect()
     };
     let [command, disturbance, control, output] = at;
-    SegmentLines { trial: piece.trial, command, disturbance, control, output, noise }
+    let range = segment.start..segment.start + segment.samples;
+    let variance = [&trial.signals.control, &trial.signals.output].map(|column| variance(&column[range.clone()]));
+    SegmentLines { trial: piece.trial, command, disturbance, control, output, noise, variance }
+}
+
+fn variance(x: &[f64]) -> f64 {
+    let count = x.len() as f64;
+    let mean = x.iter().sum::<f64>() / count;
+    x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / count
 }
 
 fn nearby(grids: &[Vec<Complex64>; 2], dark: &[bool], k: usize, scale: f64) -> Option<NearbyNoise> {

@@ -15,4 +15,5 @@ pub mod regularised;
 pub mod responses;
 pub mod simulate;
 pub mod stability;
+pub mod steady;
 pub mod structure;

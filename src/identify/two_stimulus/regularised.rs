@@ -18,6 +18,9 @@ use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 use rayon::prelude::*;
 
+/// Excited lines of all trials at most: the work grows with the third power.
+pub const MOST_SAMPLES: usize = 1000;
+
 /// Sizes of the deviations, relative to the parametric responses, and the reach of their kernel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sizes {
@@ -51,6 +54,8 @@ pub fn default_sizes() -> Vec<Sizes> {
 #[derive(Debug, Clone, Copy)]
 struct Sample {
     trial: usize,
+    /// Position of the line.
+    line: usize,
     group: usize,
     log_omega: f64,
     /// `H⁰_ur R` and `H⁰_ud D`.
@@ -76,6 +81,12 @@ pub enum RegularisedError {
         /// The trial.
         trial: usize,
     },
+    /// Too many trials and lines for a dense kernel matrix.
+    #[error("{samples} lines of trials are too many for a kernel matrix, which takes {MOST_SAMPLES}")]
+    TooMany {
+        /// Excited lines of all trials.
+        samples: usize,
+    },
     /// No sizes of the grid gave a solvable system.
     #[error("the kernel matrix is singular")]
     Singular,
@@ -89,6 +100,8 @@ pub struct Regularised {
     samples: Vec<Sample>,
     /// `(K + noise)⁻¹ misfit`.
     weights: Vec<Complex64>,
+    /// Errors of the samples predicted from the other trials.
+    left_out: Vec<Complex64>,
 }
 
 impl Sizes {
@@ -123,6 +136,9 @@ impl Regularised {
     ) -> Result<Self, RegularisedError> {
         assert_eq!(groups.len(), lines.trials, "a group for every trial");
         let samples = samples(lines, groups, fitted)?;
+        if samples.len() > MOST_SAMPLES {
+            return Err(RegularisedError::TooMany { samples: samples.len() });
+        }
         let solve = |sizes: &Sizes| {
             let n = samples.len();
             let matrix = DMatrix::from_fn(n, n, |i, j| {
@@ -132,27 +148,36 @@ impl Regularised {
             let inverse = matrix.cholesky()?.inverse();
             let misfit = DVector::from_iterator(n, samples.iter().map(|s| s.misfit));
             let weights = &inverse * misfit;
-            Some((left_out(&samples, &inverse, &weights)?, weights))
+            let errors = left_out(&samples, &inverse, &weights)?;
+            let cost: f64 = errors.iter().zip(&samples).map(|(e, sample)| sample.weight * e.norm_sqr()).sum();
+            Some((cost, weights, errors))
         };
         let best = sizes
             .par_iter()
             .map(|sizes| {
                 ctl.check()?;
-                Ok(solve(sizes).map(|(cost, weights)| (cost, *sizes, weights)))
+                Ok(solve(sizes).map(|(cost, weights, errors)| (cost, *sizes, weights, errors)))
             })
             .collect::<Result<Vec<_>, Stopped>>()?
             .into_iter()
             .flatten()
             .filter(|(cost, ..)| cost.is_finite())
             .min_by(|a, b| a.0.total_cmp(&b.0));
-        let (_, sizes, weights) = best.ok_or(RegularisedError::Singular)?;
-        Ok(Self { fitted: fitted.clone(), sizes, samples, weights: weights.as_slice().to_vec() })
+        let (_, sizes, weights, left_out) = best.ok_or(RegularisedError::Singular)?;
+        Ok(Self { fitted: fitted.clone(), sizes, samples, weights: weights.as_slice().to_vec(), left_out })
     }
 
     /// The sizes chosen.
     #[must_use]
     pub fn sizes(&self) -> Sizes {
         self.sizes
+    }
+
+    /// By how much the control of a trial at a line, a mean of its segments, differs from what the other trials predict of it. The sizes were chosen by
+    /// these errors, so they flatter a little.
+    #[must_use]
+    pub fn left_out_error(&self, trial: usize, line: usize) -> Option<Complex64> {
+        self.samples.iter().position(|s| s.trial == trial && s.line == line).map(|i| self.left_out[i])
     }
 
     /// The control that is predicted of a trial of a group at a line, from its command and disturbance there.
@@ -162,7 +187,7 @@ impl Regularised {
         let drive = [h[UR] * command, h[UD] * disturbance];
         let zero = Complex64::default();
         let log_omega = omega_rad_s.ln();
-        let own = Sample { trial: usize::MAX, group, log_omega, drive, misfit: zero, noise: 0.0, weight: 0.0 };
+        let own = Sample { trial: usize::MAX, line: 0, group, log_omega, drive, misfit: zero, noise: 0.0, weight: 0.0 };
         let deviation: Complex64 =
             self.samples.iter().zip(&self.weights).map(|(s, w)| self.sizes.covariance(&own, s, false) * w).sum();
         drive[0] + drive[1] + deviation
@@ -197,6 +222,7 @@ fn samples(lines: &StimulusLines, groups: &[usize], fitted: &Fitted) -> Result<V
             let g = fitted.person.plant().response(*omega).norm_sqr();
             samples.push(Sample {
                 trial,
+                line: k,
                 group: *group,
                 log_omega: omega.ln(),
                 drive,
@@ -223,19 +249,16 @@ fn smooth_noise(samples: &mut [Sample]) {
     }
 }
 
-/// The weighted squared error of every trial predicted from the others.
-fn left_out(samples: &[Sample], inverse: &DMatrix<Complex64>, weights: &DVector<Complex64>) -> Option<f64> {
-    let mut cost = 0.0;
+/// The error of every trial predicted from the others.
+fn left_out(samples: &[Sample], inverse: &DMatrix<Complex64>, weights: &DVector<Complex64>) -> Option<Vec<Complex64>> {
+    let mut errors = Vec::with_capacity(samples.len());
     let mut start = 0;
     while start < samples.len() {
         let end = start + samples[start..].iter().take_while(|s| s.trial == samples[start].trial).count();
         let n = end - start;
         let block = inverse.view((start, start), (n, n)).into_owned();
-        let error = block.cholesky()?.solve(&weights.rows(start, n).into_owned());
-        for (e, sample) in error.iter().zip(&samples[start..end]) {
-            cost += sample.weight * e.norm_sqr();
-        }
+        errors.extend(block.cholesky()?.solve(&weights.rows(start, n).into_owned()).iter());
         start = end;
     }
-    Some(cost)
+    Some(errors)
 }

@@ -100,7 +100,7 @@ fn sums(observations: &[Observation]) -> Sums {
 }
 
 /// The inverse of the Gram matrix with zeros for stimuli that are silent; `None` where they are confounded.
-fn inverse(gram: &[[Complex64; 2]; 2]) -> Option<[[Complex64; 2]; 2]> {
+pub(super) fn inverse(gram: &[[Complex64; 2]; 2]) -> Option<[[Complex64; 2]; 2]> {
     let zero = Complex64::default();
     let (a, b) = (gram[0][0].re, gram[1][1].re);
     match (a > 0.0, b > 0.0) {

@@ -38,6 +38,8 @@ impl Search for BranchAndBound<'_> {
         let tasks = walk.tasks(&mut own)?;
         tell(&own, pool, 0.0, ctl);
         let next = AtomicUsize::new(0);
+        // The smallest bound of a candidate that was found; what was passed over costs more than the best one.
+        let lowest = AtomicU64::new(own.found.iter().map(|f| f.bound).fold(f64::INFINITY, f64::min).max(0.0).to_bits());
         let finished: Vec<AtomicBool> = tasks.iter().map(|_| AtomicBool::new(false)).collect();
         let share = pool.size() / tasks.len().max(1) as u64;
         let threads = rayon::current_num_threads();
@@ -51,9 +53,13 @@ impl Search for BranchAndBound<'_> {
                     let at = next.fetch_add(1, Ordering::Relaxed);
                     let Some(task) = tasks.get(at) else { break };
                     walk.finish(task, &mut own)?;
-                    finished[at].store(true, Ordering::Relaxed);
-                    let open = tasks.iter().zip(&finished).filter(|(_, done)| !done.load(Ordering::Relaxed));
-                    let bound = open.map(|(task, _)| task.bound).fold(walk.best(), f64::min);
+                    // Of what is found before the task counts as finished, the bounds are known.
+                    let own_lowest = own.found.iter().map(|f| f.bound).fold(f64::INFINITY, f64::min);
+                    lowest.fetch_min(own_lowest.max(0.0).to_bits(), Ordering::SeqCst);
+                    finished[at].store(true, Ordering::SeqCst);
+                    let open = tasks.iter().zip(&finished).filter(|(_, done)| !done.load(Ordering::SeqCst));
+                    let open = open.map(|(task, _)| task.bound).fold(walk.best(), f64::min);
+                    let bound = open.min(f64::from_bits(lowest.load(Ordering::SeqCst)));
                     tell(&own, pool, bound, ctl);
                     ctl.advance(share);
                 }
