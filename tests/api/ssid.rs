@@ -128,6 +128,11 @@ async fn an_identification_is_refined_and_simulated_on_a_trial_held_out() {
         assert!(held[0]["y"].is_f64(), "{held}");
     }
     assert_eq!(body["provenance"]["inputs_sha256"].as_object().unwrap().len(), 3);
+    // Of equal costs or worse: the family begins with the best candidate.
+    let near = &result["near_optimal"];
+    assert_eq!(near["family"][0]["index"], result["certificate"]["index"]);
+    assert_eq!(near["family"][0]["norm_feedback"], result["metrics"]["norm_feedback"]);
+    assert!(near["spread"]["lines"].as_array().unwrap().len() > 10, "{near}");
     // A trial that is fitted is none that is held out, and one that is not there is not found.
     let queued = server.post("/v1/analyses", &request(&trials[..1])).await;
     if queued.status.as_u16() == 202 {
@@ -141,5 +146,50 @@ async fn an_identification_is_refined_and_simulated_on_a_trial_held_out() {
     } else {
         queued.problem(422, "invalid");
     }
+    server.finish().await;
+}
+
+#[tokio::test]
+async fn structures_and_delays_are_judged_by_trials_left_out() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let mut trials = Vec::new();
+    for number in [20, 21, 22, 23] {
+        let query = format!("&number={number}&sample_time_s=0.05");
+        trials.push(server.upload_csv(&lab, &query, simulated(number)).await.id(201));
+    }
+    let spec = json!({"pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 16, "zeros": 16, "damping": 4, "gains": 10}},
+                      "structures": [{"feedforward_denominator_degree": 2}, {"feedforward_denominator_degree": 4}],
+                      "delay": {"feedback_s": [0.0, 0.1, 0.2], "search": true}});
+    let request = json!({"kind": "ssid", "inputs": {"trials": trials[..3], "validate_on": trials[3..]}, "spec": spec});
+    let body = report(&server, &request).await;
+    let result = &body["result"];
+    assert_eq!(body["schema"], "volition.ssid/3");
+    let compared = &result["structures"];
+    assert_eq!((&compared["repeats"], &compared["folds"]), (&json!("trials"), &json!(3)), "{compared}");
+    for row in compared["rows"].as_array().unwrap() {
+        let left_out = row["criteria"]["cross_validation_over_repeats"].as_f64().unwrap();
+        // What was not fitted is missed by more than what was.
+        assert!(left_out > row["criteria"]["cost"].as_f64().unwrap(), "{row}");
+    }
+    let delayed = &result["delayed"];
+    let points = delayed["points"].as_array().unwrap();
+    assert_eq!(points.len(), 3);
+    // Without a delay it is the search itself.
+    assert_eq!((&points[0]["cost"], &points[0]["index"]), (&result["cost"], &result["certificate"]["index"]));
+    let best = &points[delayed["best"].as_u64().unwrap() as usize];
+    assert_eq!((&best["exact"], &delayed["exact"]), (&json!(true), &json!(true)), "{delayed}");
+    let cost = |point: &Value| point["cost"].as_f64().unwrap();
+    assert!(points.iter().all(|point| cost(best) <= cost(point)));
+    assert!(result["refined"]["cost"].as_f64().unwrap() <= cost(best));
+    for part in ["pool", "refined"] {
+        assert!(result["held_out"][part]["trials"][0]["y"].is_f64(), "{result}");
+    }
+
+    // A pool cannot be searched at every delay of a range.
+    let mut range = request;
+    range["spec"]["delay"]["feedback_s"] = json!({"from": 0.0, "to": 0.2});
+    let problem = server.post("/v1/analyses", &range).await.problem(422, "invalid");
+    assert_eq!(problem["where"], "/spec/delay/feedback_s");
     server.finish().await;
 }

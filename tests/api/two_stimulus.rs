@@ -64,8 +64,10 @@ fn spec() -> Value {
 async fn two_trials_give_both_controllers_and_a_third_is_predicted() {
     let server = TestServer::start().await;
     let (_, trials) = study(&server).await;
+    let mut spec = spec();
+    spec["regularise"] = json!(true);
     let request = json!({
-        "kind": "two_stimulus", "spec": spec(),
+        "kind": "two_stimulus", "spec": spec,
         "inputs": {"trials": [trials[0], trials[1]], "validate_on": [trials[2]]}
     });
     let queued = server.post("/v1/analyses", &request).await;
@@ -75,7 +77,7 @@ async fn two_trials_give_both_controllers_and_a_third_is_predicted() {
     let finished = server.get(&path).await.json(200);
     assert_eq!(finished["status"], "succeeded", "{finished}");
     let report = server.get(&format!("{path}/report")).await.json(200);
-    assert_eq!(report["schema"], "volition.two_stimulus/1");
+    assert_eq!(report["schema"], "volition.two_stimulus/2");
     let lines = report["result"]["lines"].as_array().unwrap();
     assert_eq!(lines.len(), 10);
     let subject = subject();
@@ -99,6 +101,18 @@ async fn two_trials_give_both_controllers_and_a_third_is_predicted() {
     }
     assert_eq!(best["held_out_vaf"]["trials"][0]["trial"], "/inputs/validate_on/0");
     assert!(report["provenance"]["inputs_sha256"]["/inputs/validate_on/0"].is_string());
+    // Each group of this study has lines with one trial only, so what a group's response could account for is not known.
+    let ceiling = &report["result"]["ceiling"];
+    let at_lines = ceiling["at_lines"]["y"].as_f64().unwrap();
+    assert!(at_lines > 0.9 && at_lines <= 1.0 && ceiling["by_group"]["y"].is_null(), "{ceiling}");
+    let shrunk = &report["result"]["regularised"];
+    assert_eq!((&shrunk["reason"], &shrunk["structure"]), (&json!(null), &report["result"]["best"]), "{shrunk}");
+    assert_eq!(shrunk["groups"], json!(["both", "both"]));
+    assert_eq!(shrunk["held_out_vaf"]["trials"][0]["trial"], "/inputs/validate_on/0");
+    for share in ["/left_out_vaf/u", "/left_out_vaf/y", "/held_out_vaf/u", "/held_out_vaf/y"] {
+        let share = shrunk.pointer(share).and_then(Value::as_f64).unwrap_or_else(|| panic!("{share}: {shrunk}"));
+        assert!(share > 0.5 && share <= 1.0, "{shrunk}");
+    }
     server.finish().await;
 }
 
@@ -138,6 +152,6 @@ async fn trials_to_validate_on_are_trials_of_the_study_too() {
     let problem = server.post("/v1/analyses", &request(unknown)).await.problem(422, "invalid");
     assert!(problem["where"].as_str().unwrap().contains("validate_on"), "{problem}");
     let problem = server.post("/v1/analyses", &request(&trials[0])).await.problem(422, "invalid");
-    assert_eq!(problem["where"], "/inputs/validate_on");
+    assert_eq!(problem["where"], "/inputs/validate_on/0");
     server.finish().await;
 }

@@ -53,7 +53,7 @@ pub struct SsidSpec {
     /// A parametric bootstrap that checks the bands. Default: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bootstrap: Option<BootstrapSpec>,
-    /// Pure delays of the person, in the refinement. Default: none.
+    /// Pure delays of the person, in the refinement and, if asked, in the search of the pool. Default: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub delay: Option<DelaySpec>,
     /// Structures to compare over the same pool family. Default: none.

@@ -364,6 +364,65 @@ fn held_out_trials_are_simulated_and_must_not_be_fitted() {
 }
 
 #[test]
+fn the_family_of_near_optimal_candidates_tells_how_flat_the_optimum_is() {
+    let mut request = noisy(0.02);
+    let fine = |from: f64, to: f64| json!([{"from": from, "to": to, "step": 0.01}]);
+    request["spec"]["refine"] = json!(false);
+    request["spec"]["pool"] = json!({"grid": {
+        "feedforward_denominator": fine(6.2, 6.8), "feedback_numerator": fine(5.1, 5.7), "feedback_denominator": fine(6.8, 7.4)
+    }});
+    let (result, warnings) = result(&request);
+    let near = &result.near_optimal;
+    assert!(near.count > 100 && near.family.len() == 100 && !near.family_is_complete, "{} members", near.count);
+    assert_eq!((near.family[0].index, near.family[0].cost), (result.certificate.index, result.cost));
+    assert!(near.family.windows(2).all(|pair| (pair[0].cost, pair[0].index) < (pair[1].cost, pair[1].index)));
+    assert!(near.family[99].cost <= (1.0 + near.within) * result.cost);
+    for member in &near.family {
+        let [ff, fb] = [&member.feedforward, &member.feedback].map(|model| model.check().unwrap());
+        let cost: f64 = result
+            .fit
+            .iter()
+            .map(|line| {
+                let s = num_complex::Complex64::new(0.0, line.omega_rad_s);
+                let (g, h) = (4.0 / (s + 2.0), num_complex::Complex64::new(line.h[0], line.h[1]));
+                let (ff, fb) = (ff.response(line.omega_rad_s), fb.response(line.omega_rad_s));
+                (g * (ff + fb) / (1.0 + g * fb) - h).norm_sqr()
+            })
+            .sum();
+        assert!((cost - member.cost).abs() < 1e-9 * cost, "{cost} {}", member.cost);
+    }
+    let [low, high] = near.spread.norm_feedback.unwrap();
+    let own = result.metrics.norm_feedback.unwrap();
+    assert!(low < own && own < high, "{low} {own} {high}");
+    assert!(near.spread.lines.iter().all(|line| line.feedback.unwrap()[0] < line.feedback.unwrap()[1]));
+    let flat = warnings.iter().any(|w| w.code == "flat_optimum");
+    let [a, b] = near.spread.norm_feedforward_plant_minus_one.unwrap();
+    assert_eq!(flat, high > 1.25 * low || b > 1.25 * a);
+}
+
+#[test]
+fn a_stopped_search_leaves_its_incumbent() {
+    let mut request = request();
+    let axis = json!([{"from": 0.01, "to": 10, "step": 0.01}]);
+    request["spec"]["pool"] = json!({"grid": {"feedforward_denominator": axis, "feedback_numerator": axis, "feedback_denominator": axis}});
+    request["spec"]["search"] = json!("exhaustive");
+    let plan = plan(&request).unwrap();
+    let ctl = Ctl::new();
+    let outcome = std::thread::scope(|scope| {
+        let running = scope.spawn(|| plan.run(&Library::default(), &ctl));
+        while ctl.bracket().is_none() && !running.is_finished() {
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        ctl.stop(StopReason::Cancelled);
+        running.join().unwrap()
+    });
+    let Err(Failure::Interrupted { stopped, incumbent }) = outcome else { panic!("{outcome:?}") };
+    assert_eq!(stopped.0, StopReason::Cancelled);
+    assert!(incumbent.feedback.check().is_ok() && incumbent.feedforward.check().is_ok());
+    assert!(ctl.bracket().unwrap().incumbent > 0.0);
+}
+
+#[test]
 fn it_stops_when_asked() {
     let ctl = Ctl::new();
     ctl.stop(StopReason::Cancelled);
