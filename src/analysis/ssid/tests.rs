@@ -404,7 +404,8 @@ fn the_family_of_near_optimal_candidates_tells_how_flat_the_optimum_is() {
 fn a_stopped_search_leaves_its_incumbent() {
     let mut request = request();
     let axis = json!([{"from": 0.01, "to": 10, "step": 0.01}]);
-    request["spec"]["pool"] = json!({"grid": {"feedforward_denominator": axis, "feedback_numerator": axis, "feedback_denominator": axis}});
+    request["spec"]["pool"] =
+        json!({"grid": {"feedforward_denominator": axis, "feedback_numerator": axis, "feedback_denominator": axis}});
     request["spec"]["search"] = json!("exhaustive");
     let plan = plan(&request).unwrap();
     let ctl = Ctl::new();
