@@ -10,6 +10,7 @@ mod peak;
 pub mod recipe;
 pub mod roots;
 mod routh;
+mod scan;
 pub mod spec;
 mod unfold;
 
@@ -18,6 +19,7 @@ use factor::Factor;
 pub use feedback::{Feedback, FeedbackTable};
 pub use recipe::{PoolError, Recipe};
 pub use routh::LARGEST_DEGREE;
+pub use scan::Extremes;
 pub use spec::{Degrees, PoolName, PoolSpec, PoolSpecError};
 
 /// A pool on a plant.
