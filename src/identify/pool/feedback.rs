@@ -10,6 +10,9 @@ use rayon::prelude::*;
 /// Blocks that the table is cut into, if it has so many rows.
 const BLOCKS: usize = 4096;
 
+/// With so many denominators, no block needs to hold a part of one.
+const ENOUGH: usize = 256;
+
 /// Raw gains tested between two looks at the stop flag (about 20 ms).
 const TESTS_PER_CHECK: usize = 1 << 20;
 
@@ -86,6 +89,8 @@ pub struct FeedbackTable {
     steps: Vec<Vec<f64>>,
     /// For loops of degree four: the numerators side by side, and the gains in order.
     scan: Option<(Numerators, Gains)>,
+    /// Moduli and positions of the listed gains by increasing modulus, positive and negative.
+    by_modulus: [Vec<(f64, usize)>; 2],
     /// Rows (denominator, zero or numerator) per block.
     rows_per_block: usize,
     /// Number of controllers before each block, and in all.
@@ -114,6 +119,38 @@ pub(super) struct MappedPlant {
     pub(super) padding: usize,
 }
 
+/// A denominator of a table; see [`FeedbackTable::open`].
+#[derive(Debug)]
+pub struct Opened<'a> {
+    table: &'a FeedbackTable,
+    denominator: usize,
+    /// The closed-loop polynomial without feedback.
+    base: Vec<f64>,
+}
+
+impl Opened<'_> {
+    /// Visits the stable controllers with this numerator whose factor in front of it has this sign and a modulus within these
+    /// bounds (ends included), by increasing modulus.
+    pub fn visit(&self, numerator: usize, negative: bool, [low, high]: [f64; 2], mut visit: impl FnMut(Feedback)) {
+        let Self { table, denominator, base } = self;
+        let Some(unit) = table.unit(*denominator, numerator) else { return };
+        let listed = &table.by_modulus[usize::from(negative)];
+        let first = listed.partition_point(|(modulus, _)| modulus * unit < low);
+        let last = listed.partition_point(|(modulus, _)| modulus * unit <= high).max(first);
+        let padding = table.plant.padding;
+        for some in listed[first..last].chunks(scan::LANES) {
+            let mut gains = [0.0; scan::LANES];
+            for (gain, (_, position)) in gains.iter_mut().zip(some) {
+                *gain = table.lists.gains[*position] * unit;
+            }
+            routh::stable_gains(&base[padding..], &table.steps[numerator][padding..], &gains[..some.len()], |i| {
+                let (gain, gain_position) = (gains[i], Some(some[i].1));
+                visit(Feedback { denominator: *denominator, numerator: Some(numerator), gain, gain_position });
+            });
+        }
+    }
+}
+
 impl FeedbackTable {
     /// Counts the stable controllers and makes the table.
     ///
@@ -128,11 +165,17 @@ impl FeedbackTable {
             };
             (Numerators::new(&steps, squares), Gains::new(&lists.gains))
         });
-        let mut table = Self { lists, plant, steps, scan, rows_per_block: 1, before: vec![0] };
+        let by_modulus = [false, true].map(|negative| {
+            let listed = lists.gains.iter().enumerate().filter(|(_, gain)| (**gain < 0.0) == negative);
+            let mut moduli: Vec<(f64, usize)> = listed.map(|(at, gain)| (gain.abs(), at)).collect();
+            moduli.sort_by(|a, b| a.0.total_cmp(&b.0));
+            moduli
+        });
+        let mut table = Self { lists, plant, steps, scan, by_modulus, rows_per_block: 1, before: vec![0] };
         let rows = table.rows();
         table.rows_per_block = rows.div_ceil(BLOCKS).max(1);
         let per_denominator = table.rows_per_denominator();
-        if table.rows_per_block > per_denominator {
+        if table.lists.denominators.len() >= ENOUGH {
             // Whole denominators, which are counted several rows at a time.
             table.rows_per_block = table.rows_per_block.next_multiple_of(per_denominator);
         }
@@ -318,14 +361,11 @@ impl FeedbackTable {
         denominator * self.rows_per_denominator() + numerator.map_or(0, |n| n + zero)
     }
 
-    /// Visits the stable controllers with this denominator and this numerator, in order.
-    pub fn visit(&self, denominator: usize, numerator: usize, mut visit: impl FnMut(Feedback)) {
-        let row = self.row(denominator, Some(numerator));
-        // As above.
-        let _ = self.walk_rows(row..row + 1, &Ctl::new(), |row| {
-            (0..row.gains.len()).filter_map(|i| row.get(i)).for_each(&mut visit);
-            Ok(())
-        });
+    /// A denominator, to look at with some of the numerators and gains.
+    #[must_use]
+    pub fn open(&self, denominator: usize) -> Opened<'_> {
+        let base = multiply(&self.plant.denominator, &self.lists.denominators[denominator].mapped);
+        Opened { table: self, denominator, base }
     }
 
     /// Visits the rows of a denominator in order, without those that have no stable controller.

@@ -14,6 +14,9 @@ pub(super) const LENGTH: usize = 5;
 /// Rows side by side; no vector is longer.
 pub(super) const LANES: usize = 8;
 
+#[cfg(feature = "probe")]
+pub static PROBE: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(0);
+
 /// Relative margin around the gains at which a coefficient vanishes, far above what rounding does to them.
 const MARGIN: f64 = 1e-9;
 
@@ -153,21 +156,29 @@ impl WithSimd for Scan<'_> {
                 minus[1] = simd.select_f64s(rising, min(root, minus[1]), minus[1]);
             }
             for (negative, listed) in [(false, &gains.positive), (true, &gains.negative)] {
-                let (mut low, mut high) = (infinity, simd.neg_f64s(infinity));
-                for [from, to] in [plus, minus] {
+                // Positions of the gains to be tested for either sign of the coefficients.
+                let [mut first, mut second] = [plus, minus].map(|[from, to]| {
                     let [from, to] = if negative { [simd.neg_f64s(to), simd.neg_f64s(from)] } else { [from, to] };
                     let from = mul(max(from, zero), splat(1.0 - MARGIN));
                     let to = mul(to, splat(1.0 + MARGIN));
                     let some = simd.and_m64s(usable, simd.less_than_or_equal_f64s(from, to));
-                    low = simd.select_f64s(some, min(mul(from, reciprocal), low), low);
-                    high = simd.select_f64s(some, max(mul(to, reciprocal), high), high);
+                    let low = simd.select_f64s(some, mul(from, reciprocal), infinity);
+                    let high = simd.select_f64s(some, mul(to, reciprocal), simd.neg_f64s(infinity));
+                    let low = simd.reduce_min_f64s(low) * (1.0 - MARGIN);
+                    let high = simd.reduce_max_f64s(high) * (1.0 + MARGIN);
+                    let first = listed.partition_point(|g| g.abs() < low);
+                    first..listed.partition_point(|g| g.abs() <= high).max(first)
+                });
+                if second.start < first.start {
+                    std::mem::swap(&mut first, &mut second);
                 }
-                let low = simd.reduce_min_f64s(low) * (1.0 - MARGIN);
-                let high = simd.reduce_max_f64s(high) * (1.0 + MARGIN);
-                let first = listed.partition_point(|g| g.abs() < low);
-                let last = listed.partition_point(|g| g.abs() <= high);
+                // No gain is tested twice.
+                second.start = second.start.max(first.end);
+                second.end = second.end.max(second.start);
                 let (mut least, mut most) = (infinity, zero);
-                for gain in listed.get(first..last).unwrap_or(&[]) {
+                for gain in listed[first].iter().chain(&listed[second]) {
+                    #[cfg(feature = "probe")]
+                    PROBE.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
                     let g = mul(splat(*gain), unit);
                     let terms = step.map(|s| mul(g, s));
                     let mut c: [S::f64s; LENGTH] = std::array::from_fn(|i| add(bases[i], terms[i]));
