@@ -181,10 +181,8 @@ impl FeedbackTable {
         }
         let blocks = rows.div_ceil(table.rows_per_block);
         ctl.set_total(rows as u64);
-        let counts = (0..blocks)
-            .into_par_iter()
-            .map(|block| table.count(block, ctl))
-            .collect::<Result<Vec<u64>, Stopped>>()?;
+        let counts =
+            (0..blocks).into_par_iter().map(|block| table.count(block, ctl)).collect::<Result<Vec<u64>, Stopped>>()?;
         for count in counts {
             table.before.push(table.before[table.before.len() - 1] + count);
         }

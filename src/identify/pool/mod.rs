@@ -10,7 +10,7 @@ mod peak;
 pub mod recipe;
 pub mod roots;
 mod routh;
-pub mod scan;
+mod scan;
 pub mod spec;
 mod unfold;
 

@@ -14,9 +14,6 @@ pub(super) const LENGTH: usize = 5;
 /// Rows side by side; no vector is longer.
 pub(super) const LANES: usize = 8;
 
-#[cfg(feature = "probe")]
-pub static PROBE: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(0);
-
 /// Relative margin around the gains at which a coefficient vanishes, far above what rounding does to them.
 const MARGIN: f64 = 1e-9;
 
@@ -63,7 +60,7 @@ impl Gains {
 }
 
 /// Per numerator, the smallest and the largest modulus of a stable gain times a scale: of positive gains, then of negative ones.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Extremes {
     /// Smallest of the positive gains; infinite where there is none.
     pub least_positive: Vec<f64>,
@@ -139,8 +136,7 @@ impl WithSimd for Scan<'_> {
                     let n: [S::f64s; 3] = std::array::from_fn(|i| S::as_simd_f64s(&squares[i]).0[v]);
                     let largest = largest_ratio(simd, n, d.map(splat), band.map(splat));
                     let peak = simd.sqrt_f64s(largest);
-                    let usable =
-                        simd.and_m64s(simd.less_than_f64s(peak, infinity), simd.greater_than_f64s(peak, zero));
+                    let usable = simd.and_m64s(simd.less_than_f64s(peak, infinity), simd.greater_than_f64s(peak, zero));
                     (simd.div_f64s(one, peak), peak, usable)
                 }
                 _ => (one, one, simd.less_than_f64s(zero, one)),
@@ -156,29 +152,21 @@ impl WithSimd for Scan<'_> {
                 minus[1] = simd.select_f64s(rising, min(root, minus[1]), minus[1]);
             }
             for (negative, listed) in [(false, &gains.positive), (true, &gains.negative)] {
-                // Positions of the gains to be tested for either sign of the coefficients.
-                let [mut first, mut second] = [plus, minus].map(|[from, to]| {
+                let (mut low, mut high) = (infinity, simd.neg_f64s(infinity));
+                for [from, to] in [plus, minus] {
                     let [from, to] = if negative { [simd.neg_f64s(to), simd.neg_f64s(from)] } else { [from, to] };
                     let from = mul(max(from, zero), splat(1.0 - MARGIN));
                     let to = mul(to, splat(1.0 + MARGIN));
                     let some = simd.and_m64s(usable, simd.less_than_or_equal_f64s(from, to));
-                    let low = simd.select_f64s(some, mul(from, reciprocal), infinity);
-                    let high = simd.select_f64s(some, mul(to, reciprocal), simd.neg_f64s(infinity));
-                    let low = simd.reduce_min_f64s(low) * (1.0 - MARGIN);
-                    let high = simd.reduce_max_f64s(high) * (1.0 + MARGIN);
-                    let first = listed.partition_point(|g| g.abs() < low);
-                    first..listed.partition_point(|g| g.abs() <= high).max(first)
-                });
-                if second.start < first.start {
-                    std::mem::swap(&mut first, &mut second);
+                    low = simd.select_f64s(some, min(mul(from, reciprocal), low), low);
+                    high = simd.select_f64s(some, max(mul(to, reciprocal), high), high);
                 }
-                // No gain is tested twice.
-                second.start = second.start.max(first.end);
-                second.end = second.end.max(second.start);
+                let low = simd.reduce_min_f64s(low) * (1.0 - MARGIN);
+                let high = simd.reduce_max_f64s(high) * (1.0 + MARGIN);
+                let first = listed.partition_point(|g| g.abs() < low);
+                let last = listed.partition_point(|g| g.abs() <= high);
                 let (mut least, mut most) = (infinity, zero);
-                for gain in listed[first].iter().chain(&listed[second]) {
-                    #[cfg(feature = "probe")]
-                    PROBE.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                for gain in listed.get(first..last).unwrap_or(&[]) {
                     let g = mul(splat(*gain), unit);
                     let terms = step.map(|s| mul(g, s));
                     let mut c: [S::f64s; LENGTH] = std::array::from_fn(|i| add(bases[i], terms[i]));
@@ -189,7 +177,9 @@ impl WithSimd for Scan<'_> {
                     let d = sub(mul(c[1], c[2]), mul(c[0], c[3]));
                     let cubic = sub(sub(mul(c[3], d), mul(mul(c[1], c[1]), c[4])), mul(limit[3], d));
                     let mut stable = simd.and_m64s(usable, simd.greater_than_f64s(cubic, zero));
-                    for above in [sub(c[0], limit[0]), sub(c[1], limit[1]), sub(d, mul(limit[2], c[1])), sub(c[4], limit[4])] {
+                    for above in
+                        [sub(c[0], limit[0]), sub(c[1], limit[1]), sub(d, mul(limit[2], c[1])), sub(c[4], limit[4])]
+                    {
                         stable = simd.and_m64s(stable, simd.greater_than_f64s(above, zero));
                     }
                     counted = add(counted, simd.select_f64s(stable, one, zero));

@@ -140,12 +140,7 @@ impl Ranges {
                 }
             }
         }
-        Ok(Self {
-            denominators: row_of,
-            numerators: column_of,
-            columns: columns.len(),
-            table: ranges,
-        })
+        Ok(Self { denominators: row_of, numerators: column_of, columns: columns.len(), table: ranges })
     }
 
     /// The range `[low, high)` of the logarithms of the gains of a sign; empty (low above high) where no member is stable.
