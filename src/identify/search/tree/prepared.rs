@@ -33,7 +33,13 @@ pub(super) struct Factors {
 }
 
 impl Factors {
-    fn new(mut responses: Vec<Vec<Complex64>>, deviation: Deviation, leaf: usize, scaled: bool) -> Self {
+    fn new(
+        mut responses: Vec<Vec<Complex64>>,
+        deviation: Deviation,
+        leaf: usize,
+        scaled: bool,
+        ctl: &Ctl,
+    ) -> Result<Self, Stopped> {
         let mut scales = vec![1.0; responses.len()];
         if scaled {
             for (response, scale) in responses.iter_mut().zip(&mut scales) {
@@ -43,7 +49,7 @@ impl Factors {
                 response.iter_mut().for_each(|x| *x /= *scale);
             }
         }
-        Self { tree: Tree::new(&responses, deviation, leaf), responses, scales }
+        Ok(Self { tree: Tree::new(&responses, deviation, leaf, ctl)?, responses, scales })
     }
 }
 
@@ -58,15 +64,15 @@ impl Prepared {
         let numerators = table.numerators().iter().map(|n| problem.at_lines(&n.coefficients)).collect();
         let feedforward = pool.feedforward().iter().map(|d| problem.at_lines(&d.coefficients)).collect();
         let (denominators, (numerators, feedforward)) = rayon::join(
-            || Factors::new(denominators, Deviation::Logarithm, LEAF, true),
+            || Factors::new(denominators, Deviation::Logarithm, LEAF, true, ctl),
             || {
                 rayon::join(
-                    || Factors::new(numerators, Deviation::Logarithm, LEAF, true),
-                    || Factors::new(feedforward, Deviation::Ratio, 1, false),
+                    || Factors::new(numerators, Deviation::Logarithm, LEAF, true, ctl),
+                    || Factors::new(feedforward, Deviation::Ratio, 1, false, ctl),
                 )
             },
         );
-        ctl.check()?;
+        let (denominators, numerators, feedforward) = (denominators?, numerators?, feedforward?);
         let ranges = Ranges::new(
             table,
             [&denominators.tree, &numerators.tree],
