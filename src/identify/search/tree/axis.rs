@@ -9,6 +9,7 @@
 //! with real t and the cluster's principal directions `v_m ∈ Cᴷ`. A tree depends on the lines and the pool, not on the measured
 //! response: all trials of a study share it.
 
+use crate::num::{Ctl, Stopped};
 use num_complex::Complex64;
 
 /// Principal directions kept per node.
@@ -64,13 +65,21 @@ const REGULAR: std::ops::Range<f64> = 1e-12..1e12;
 
 impl Tree {
     /// Over these responses, with leaves of at most `leaf` members.
-    pub(super) fn new(responses: &[Vec<Complex64>], deviation: Deviation, leaf: usize) -> Self {
+    ///
+    /// # Errors
+    /// [`Stopped`] when `ctl` says so.
+    pub(super) fn new(
+        responses: &[Vec<Complex64>],
+        deviation: Deviation,
+        leaf: usize,
+        ctl: &Ctl,
+    ) -> Result<Self, Stopped> {
         let (regular, singular): (Vec<usize>, Vec<usize>) =
             (0..responses.len()).partition(|i| responses[*i].iter().all(|x| REGULAR.contains(&x.norm())));
         let mut tree = Self { nodes: Vec::new(), order: regular, roots: Vec::new() };
         if !tree.order.is_empty() {
             let all = 0..tree.order.len();
-            let root = tree.grow(responses, deviation, leaf.max(1), all);
+            let root = tree.grow(responses, deviation, leaf.max(1), all, ctl)?;
             tree.roots.push(root);
         }
         for factor in singular {
@@ -80,7 +89,7 @@ impl Tree {
             tree.roots.push(tree.nodes.len());
             tree.nodes.push(node);
         }
-        tree
+        Ok(tree)
     }
 
     fn grow(
@@ -89,7 +98,9 @@ impl Tree {
         deviation: Deviation,
         leaf: usize,
         members: std::ops::Range<usize>,
-    ) -> usize {
+        ctl: &Ctl,
+    ) -> Result<usize, Stopped> {
+        ctl.check()?;
         let (node, along) = Node::around(responses, deviation, &self.order[members.clone()], members.start);
         let id = self.nodes.len();
         self.nodes.push(node);
@@ -103,11 +114,11 @@ impl Tree {
             }
             let middle = (members.start + members.end) / 2;
             for half in [members.start..middle, middle..members.end] {
-                let child = self.grow(responses, deviation, leaf, half);
+                let child = self.grow(responses, deviation, leaf, half, ctl)?;
                 self.nodes[id].children.push(child);
             }
         }
-        id
+        Ok(id)
     }
 }
 
@@ -229,7 +240,7 @@ mod tests {
     fn every_member_lies_in_its_cluster() {
         let responses = factors();
         for deviation in [Deviation::Logarithm, Deviation::Ratio] {
-            let tree = Tree::new(&responses, deviation, 2);
+            let tree = Tree::new(&responses, deviation, 2, &Ctl::new()).unwrap();
             let mut order = tree.order.clone();
             order.sort_unstable();
             assert_eq!(order, (0..40).collect::<Vec<_>>());
@@ -269,7 +280,7 @@ mod tests {
     #[test]
     fn ratios_of_second_order_polynomials_need_two_directions() {
         let responses: Vec<_> = factors().into_iter().filter(|f| f.iter().all(|x| x.norm() > 0.0)).collect();
-        let tree = Tree::new(&responses, Deviation::Ratio, 1);
+        let tree = Tree::new(&responses, Deviation::Ratio, 1, &Ctl::new()).unwrap();
         for node in &tree.nodes {
             assert!(node.remainder.iter().zip(&node.radius).all(|(left, radius)| *left <= 1e-11 * radius.max(1.0)));
         }

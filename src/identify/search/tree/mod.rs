@@ -29,9 +29,18 @@ pub struct BranchAndBound<'a> {
     pub prepared: &'a Prepared,
 }
 
-impl Search for BranchAndBound<'_> {
-    fn search(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Optimum, Stopped> {
-        let walk = Walk::new(problem, pool, self.prepared, NEAR, ctl);
+/// What a walk through the whole pool leaves.
+struct Walked {
+    found: Vec<Found>,
+    best: f64,
+    evaluated: u64,
+    bounded: u64,
+}
+
+impl BranchAndBound<'_> {
+    /// Every candidate that may cost at most `1 + near` times as much as the best one, as far as the fast evaluation can tell.
+    fn walk(&self, problem: &Problem, pool: &Pool, near: f64, ctl: &Ctl) -> Result<Walked, Stopped> {
+        let walk = Walk::new(problem, pool, self.prepared, near, ctl);
         let mut own = walk.own();
         ctl.set_total(pool.size());
         walk.without_feedback(&mut own)?;
@@ -74,7 +83,45 @@ impl Search for BranchAndBound<'_> {
             bounded += own.counts.bounded;
         }
         ctl.advance(pool.size());
-        decide(problem, pool, self.prepared, found, walk.best(), (evaluated, bounded), ctl)
+        Ok(Walked { found, best: walk.best(), evaluated, bounded })
+    }
+
+    /// The candidates that cost at most `1 + near` times as much as the best one, with their costs by [`exact::fit`], cheapest
+    /// first: how flat is the optimum? Zero feedback is listed once, whatever the number of its denominators.
+    ///
+    /// # Errors
+    /// [`Stopped`] when `ctl` says so.
+    pub fn family(
+        &self,
+        problem: &Problem,
+        pool: &Pool,
+        near: f64,
+        ctl: &Ctl,
+    ) -> Result<Vec<(Position, f64)>, Stopped> {
+        let Walked { found, best, .. } = self.walk(problem, pool, near, ctl)?;
+        let limit = (1.0 + near) * best;
+        let mut family = found
+            .par_iter()
+            .filter(|found| kernel::may_reach(found.bound, limit))
+            .map(|found| {
+                ctl.check()?;
+                let position = Position { feedforward: found.feedforward as usize, feedback: found.feedback };
+                Ok((position, exact::cost(problem, &pool.candidate(position))))
+            })
+            .collect::<Result<Vec<_>, Stopped>>()?;
+        let least = family.iter().map(|(_, cost)| *cost).fold(f64::INFINITY, f64::min);
+        family.retain(|(_, cost)| *cost <= (1.0 + near) * least);
+        let key =
+            |p: &Position| (p.feedback.denominator, p.feedback.numerator, p.feedback.gain_position, p.feedforward);
+        family.sort_by(|a, b| a.1.total_cmp(&b.1).then_with(|| key(&a.0).cmp(&key(&b.0))));
+        Ok(family)
+    }
+}
+
+impl Search for BranchAndBound<'_> {
+    fn search(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Optimum, Stopped> {
+        let Walked { found, best, evaluated, bounded } = self.walk(problem, pool, NEAR, ctl)?;
+        decide(problem, pool, self.prepared, found, best, (evaluated, bounded), ctl)
     }
 }
 
@@ -216,9 +263,12 @@ mod tests {
                     for j in z.members.clone().take(6) {
                         let (denominator, numerator) = (p_tree.order[i], z_tree.order[j]);
                         let scale = prepared.denominators.scales[denominator] * prepared.numerators.scales[numerator];
-                        pool.feedback().visit(denominator, numerator, |feedback| {
-                            members.push((feedback, (feedback.gain.abs() * scale).ln()));
-                        });
+                        for negative in [false, true] {
+                            let opened = pool.feedback().open(denominator);
+                            opened.visit(numerator, negative, [0.0, f64::INFINITY], |feedback| {
+                                members.push((feedback, (feedback.gain.abs() * scale).ln()));
+                            });
+                        }
                     }
                 }
                 if members.is_empty() {

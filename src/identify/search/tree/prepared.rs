@@ -22,8 +22,6 @@ pub struct Prepared {
     pub(super) without_feedback: Option<(u64, usize)>,
     /// Logarithmic distance of neighbouring gains, on average.
     pub(super) gain_step: f64,
-    /// Logarithms of the moduli of the listed gains.
-    pub(super) log_gains: Vec<f64>,
 }
 
 /// The factors of one kind.
@@ -35,7 +33,13 @@ pub(super) struct Factors {
 }
 
 impl Factors {
-    fn new(mut responses: Vec<Vec<Complex64>>, deviation: Deviation, leaf: usize, scaled: bool) -> Self {
+    fn new(
+        mut responses: Vec<Vec<Complex64>>,
+        deviation: Deviation,
+        leaf: usize,
+        scaled: bool,
+        ctl: &Ctl,
+    ) -> Result<Self, Stopped> {
         let mut scales = vec![1.0; responses.len()];
         if scaled {
             for (response, scale) in responses.iter_mut().zip(&mut scales) {
@@ -45,7 +49,7 @@ impl Factors {
                 response.iter_mut().for_each(|x| *x /= *scale);
             }
         }
-        Self { tree: Tree::new(&responses, deviation, leaf), responses, scales }
+        Ok(Self { tree: Tree::new(&responses, deviation, leaf, ctl)?, responses, scales })
     }
 }
 
@@ -60,15 +64,15 @@ impl Prepared {
         let numerators = table.numerators().iter().map(|n| problem.at_lines(&n.coefficients)).collect();
         let feedforward = pool.feedforward().iter().map(|d| problem.at_lines(&d.coefficients)).collect();
         let (denominators, (numerators, feedforward)) = rayon::join(
-            || Factors::new(denominators, Deviation::Logarithm, LEAF, true),
+            || Factors::new(denominators, Deviation::Logarithm, LEAF, true, ctl),
             || {
                 rayon::join(
-                    || Factors::new(numerators, Deviation::Logarithm, LEAF, true),
-                    || Factors::new(feedforward, Deviation::Ratio, 1, false),
+                    || Factors::new(numerators, Deviation::Logarithm, LEAF, true, ctl),
+                    || Factors::new(feedforward, Deviation::Ratio, 1, false, ctl),
                 )
             },
         );
-        ctl.check()?;
+        let (denominators, numerators, feedforward) = (denominators?, numerators?, feedforward?);
         let ranges = Ranges::new(
             table,
             [&denominators.tree, &numerators.tree],
@@ -86,6 +90,6 @@ impl Prepared {
         let (low, high) = log_gains.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
         let distinct = table.gains().len().max(2) as f64 / 2.0;
         let gain_step = if high > low { (high - low) / distinct } else { 1.0 };
-        Ok(Self { denominators, numerators, feedforward, ranges, without_feedback, gain_step, log_gains })
+        Ok(Self { denominators, numerators, feedforward, ranges, without_feedback, gain_step })
     }
 }
