@@ -3,6 +3,7 @@
 
 pub mod basis;
 pub mod frequency;
+pub mod gain_fit;
 pub mod identifiability;
 pub mod mimo;
 pub mod pool;

@@ -21,7 +21,7 @@ mod parameter;
 pub use parameter::Parameter;
 
 use crate::control::parametric::{Matrices, ParametricModel};
-use crate::control::person::{self, Path, Plant};
+use crate::control::person::{self, Path, Plant, PlantModel};
 use crate::control::{Continuous, StateSpace};
 use crate::num::dual::Real;
 use nalgebra::DMatrix;
@@ -326,6 +326,25 @@ impl ParametricModel for SeatedBalance {
         let values = self.values_at(theta);
         let k = DMatrix::from_fn(1, PLANT_STATES, |_, j| values.get(Parameter::GAINS[j]));
         person::close(&self.plant(theta), &k, &self.path(theta))
+    }
+}
+
+/// The plant without the person: free gains, delay and lag have no effect on it.
+impl PlantModel for SeatedBalance {
+    fn names(&self) -> Vec<String> {
+        ParametricModel::names(self)
+    }
+
+    fn limits(&self) -> Vec<[f64; 2]> {
+        ParametricModel::limits(self)
+    }
+
+    fn nominal(&self) -> Vec<f64> {
+        SeatedBalance::nominal(self)
+    }
+
+    fn plant<S: Real>(&self, theta: &[S]) -> Plant<S> {
+        SeatedBalance::plant(self, theta)
     }
 }
 
