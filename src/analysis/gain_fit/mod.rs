@@ -40,10 +40,13 @@ use plant::{KnownPlant, WrittenPlant};
 pub use plant::{MatrixPlant, NamedPlant, PlantParameter};
 use problems::{wrong_input, wrong_spec};
 pub use result::{
-    ConvergenceResult, GainFitResult, IdentifiabilityResult, InverseInputsResult, OutputResult, ParameterResult,
+    FitConvergenceResult, FittedOutputResult, FittedParameterResult, GainFitResult, GainIdentifiabilityResult,
+    InverseInputsResult,
 };
 use serde_json::json;
-pub use spec::{DelaySpec, GainFitSpec, InitialState, LagSpec, NoiseName, NoiseSpec, OptimalitySpec, Wanted};
+pub use spec::{
+    GainFitSpec, GainFitWanted, InitialState, NoiseName, NoiseSpec, OptimalitySpec, PersonDelaySpec, PersonLagSpec,
+};
 
 /// Version of [`GainFitResult`].
 const RESULT_VERSION: u32 = 1;
@@ -92,6 +95,8 @@ impl Plan {
             let assembled = plan.assemble(plant, signals)?;
             plan.settings(&assembled)?;
             plan.experiment(&assembled, signals)?;
+        } else if let Some(plant) = plan.inputs.plant() {
+            plant.check(plan.spec.free.as_deref())?;
         }
         Ok(plan)
     }
@@ -128,7 +133,7 @@ impl Plan {
             ));
         }
         let is_continuous = written.sample_time_s().is_none();
-        let both = spec.estimate == Wanted::GainAndFilter;
+        let both = spec.estimate == GainFitWanted::GainAndFilter;
         let has_control = signals.iter().all(|s| s.control.is_some());
         if let Some(i) = signals.iter().position(|s| s.control.is_some() != has_control) {
             return Err(wrong_input(
@@ -231,7 +236,7 @@ impl Plan {
 
     fn experiment<'a>(&self, assembled: &'a Loop, signals: &[Signals]) -> Result<Experiment<'a>, Problem> {
         let wanted = self.initial_state(signals)?;
-        let both = self.spec.estimate == Wanted::GainAndFilter;
+        let both = self.spec.estimate == GainFitWanted::GainAndFilter;
         let records = signals
             .iter()
             .map(|s| {
@@ -302,20 +307,20 @@ impl Plan {
         ctl: &Ctl,
     ) -> Result<GainFitResult, Failure> {
         let [n, m, _, p] = assembled.sizes;
-        let both = self.spec.estimate == Wanted::GainAndFilter;
+        let both = self.spec.estimate == GainFitWanted::GainAndFilter;
         let names = assembled.model.names();
         let theta = &estimate.theta;
         let (gains, filters) = (m * n, if both { n * p } else { 0 });
         let errors = uncertainty.standard_errors();
         let width = uncertainty.half_width(self.spec.confidence);
-        let parameters: Vec<ParameterResult> = names
+        let parameters: Vec<FittedParameterResult> = names
             .iter()
             .enumerate()
             .map(|(i, name)| {
                 let [lower, upper] = settings.bounds[i];
                 let error = errors.as_ref().map(|e| e[i]).filter(|_| uncertainty.at_bound[i] == 0);
                 let finite = |bound: f64| Some(bound).filter(|b| b.is_finite());
-                ParameterResult {
+                FittedParameterResult {
                     name: name.clone(),
                     value: theta[i],
                     standard_error: error,
@@ -348,10 +353,10 @@ impl Plan {
             assembled.model.sampled(theta, assembled.time, false),
         );
         let targets: Vec<&DMatrix<f64>> = experiment.records().iter().map(|r| &r.target).collect();
-        let outputs: Vec<OutputResult> = residuals::whiteness(&errors_by_trial, &targets)
+        let outputs: Vec<FittedOutputResult> = residuals::whiteness(&errors_by_trial, &targets)
             .into_iter()
             .enumerate()
-            .map(|(i, white)| OutputResult {
+            .map(|(i, white)| FittedOutputResult {
                 noise_sd: estimate.covariance[(i, i)].max(0.0).sqrt(),
                 fit_percent: white.fit_percent,
                 lag_one_correlation: white.lag_one,
@@ -394,7 +399,7 @@ impl Plan {
             log_likelihood: -0.5 * (estimate.deviance + numbers * (2.0 * std::f64::consts::PI).ln()),
             samples: experiment.samples(),
             degrees_of_freedom: uncertainty.degrees,
-            convergence: ConvergenceResult {
+            convergence: FitConvergenceResult {
                 converged,
                 gradient_cosine: uncertainty.gradient_cosine,
                 remaining_step: uncertainty.remaining_step,
@@ -407,7 +412,7 @@ impl Plan {
                 rounds: estimate.rounds,
             },
             outputs,
-            identifiability: IdentifiabilityResult {
+            identifiability: GainIdentifiabilityResult {
                 identifiable: uncertainty.covariance.is_some(),
                 condition_number: Some(uncertainty.condition).filter(|c| c.is_finite()),
                 weakest_combination: combination,
@@ -495,7 +500,7 @@ impl Plan {
                 );
             }
         }
-        if self.spec.estimate == Wanted::GainAndFilter {
+        if self.spec.estimate == GainFitWanted::GainAndFilter {
             let condition = known.condition_number.map_or("infinite".to_owned(), |c| format!("{c:.1e}"));
             warn(
                 "gain_and_filter",

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 /// A parameter of the fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ParameterResult {
+pub struct FittedParameterResult {
     /// Its name.
     pub name: String,
     /// The estimate.
@@ -23,7 +23,7 @@ pub struct ParameterResult {
 
 /// What shows that the search has arrived.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ConvergenceResult {
+pub struct FitConvergenceResult {
     /// Whether the projected gradient is zero to its tolerance: the remaining step is below 0.01 standard errors.
     pub converged: bool,
     /// The projected gradient: largest cosine between the residuals and their derivative with respect to a parameter that no bound holds.
@@ -48,7 +48,7 @@ pub struct ConvergenceResult {
 
 /// An output, and how well it is explained.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct OutputResult {
+pub struct FittedOutputResult {
     /// Standard deviation of the noise.
     pub noise_sd: f64,
     /// `100 (1 − ‖y − ŷ‖/‖y − ȳ‖)`, percent; of predictions one sample ahead where the filter is estimated too.
@@ -63,7 +63,7 @@ pub struct OutputResult {
 
 /// What the data determine worst.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct IdentifiabilityResult {
+pub struct GainIdentifiabilityResult {
     /// Whether all parameters are determined.
     pub identifiable: bool,
     /// Condition number of Fisher's information in units of each parameter's own; null where it is singular.
@@ -99,7 +99,7 @@ pub struct GainFitResult {
     /// Covariance of the entries of Lᵀ, column by column: what `inverse_lqe` takes.
     pub l_covariance: Option<Vec<Vec<f64>>>,
     /// All parameters: K row by row, L row by row, those of the plant, `tau` and `t_w`.
-    pub parameters: Vec<ParameterResult>,
+    pub parameters: Vec<FittedParameterResult>,
     /// Their covariance, in that order.
     pub covariance: Option<Vec<Vec<f64>>>,
     /// Covariance of the noise (of the innovations where the filter is estimated too), p×p.
@@ -111,11 +111,11 @@ pub struct GainFitResult {
     /// Numbers measured less unknowns.
     pub degrees_of_freedom: f64,
     /// What shows that the search has arrived.
-    pub convergence: ConvergenceResult,
+    pub convergence: FitConvergenceResult,
     /// The outputs.
-    pub outputs: Vec<OutputResult>,
+    pub outputs: Vec<FittedOutputResult>,
     /// What the data determine worst.
-    pub identifiability: IdentifiabilityResult,
+    pub identifiability: GainIdentifiabilityResult,
     /// Poles of the loop (of the predictor where the filter is estimated too) in sampled time, as `[re, im]`.
     pub sampled_poles: Vec<[f64; 2]>,
     /// States at the first sample of every trial, where they were estimated.

@@ -18,7 +18,7 @@ const MAX_CLIMBS: usize = 100;
 /// What is estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Wanted {
+pub enum GainFitWanted {
     /// K of `u = −Kx`, from responses of the closed loop.
     Gain,
     /// K and L of `u = −Kx̂` and the sampled filter `x̂⁺ = Ax̂ + Bu + Ew + L(y − ŷ)`, by the innovation form.
@@ -65,7 +65,7 @@ pub enum InitialState {
 /// A delay between state and control, as a Padé approximation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct DelaySpec {
+pub struct PersonDelaySpec {
     /// Order of the approximation. Default: 5.
     #[serde(default = "five")]
     pub order: usize,
@@ -81,7 +81,7 @@ fn five() -> usize {
 /// A first-order lag of the muscle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct LagSpec {
+pub struct PersonLagSpec {
     /// The time constant where it is known; null for a parameter `t_w` of the fit. Default: null.
     #[serde(default)]
     pub seconds: Option<f64>,
@@ -129,11 +129,11 @@ impl OptimalitySpec {
 #[serde(deny_unknown_fields, default)]
 pub struct GainFitSpec {
     /// `gain` (default) or `gain_and_filter`.
-    pub estimate: Wanted,
+    pub estimate: GainFitWanted,
     /// A delay in the person. Default: none.
-    pub delay: Option<DelaySpec>,
+    pub delay: Option<PersonDelaySpec>,
     /// A lag in the person. Default: none.
-    pub muscle_lag: Option<LagSpec>,
+    pub muscle_lag: Option<PersonLagSpec>,
     /// Parameters of the plant that are fitted. Default: all of a plant in the request, none of the catalogue's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub free: Option<Vec<String>>,
@@ -162,7 +162,7 @@ pub struct GainFitSpec {
 impl Default for GainFitSpec {
     fn default() -> Self {
         Self {
-            estimate: Wanted::Gain,
+            estimate: GainFitWanted::Gain,
             delay: None,
             muscle_lag: None,
             free: None,
@@ -219,7 +219,7 @@ impl GainFitSpec {
         if let Some(lag) = &written.muscle_lag {
             positive(lag.seconds, "/spec/muscle_lag/seconds")?;
         }
-        if written.estimate == Wanted::GainAndFilter {
+        if written.estimate == GainFitWanted::GainAndFilter {
             for (name, is_given) in [("delay", written.delay.is_some()), ("muscle_lag", written.muscle_lag.is_some())] {
                 if is_given {
                     return Err(wrong(

@@ -14,8 +14,8 @@ use rayon::prelude::*;
 /// A direction of the initial state whose response is this small beside the others leaves no trace in the samples.
 const TRACE: f64 = 1e-9;
 
-/// Samples times outputs of all trials at most.
-pub const MAX_NUMBERS: usize = 4_000_000;
+/// Samples times outputs of all trials, times parameters, at most: the derivatives are held in memory.
+pub const MAX_NUMBERS: usize = 20_000_000;
 
 /// A trial as the model takes it.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,11 +72,15 @@ pub enum ExperimentError {
         /// Parameters, and initial states where they are estimated.
         unknowns: usize,
     },
-    /// More numbers than are taken.
-    #[error("{numbers} numbers were measured in all; at most {MAX_NUMBERS} are taken")]
+    /// More derivatives than are held.
+    #[error(
+        "{numbers} numbers were measured in all, and there are {parameters} parameters; their product may be {MAX_NUMBERS} at most"
+    )]
     TooLong {
         /// Samples times outputs.
         numbers: usize,
+        /// Parameters.
+        parameters: usize,
     },
     /// All outputs are zero.
     #[error("every output is zero at all times: there is nothing to explain")]
@@ -138,10 +142,11 @@ impl<'a> Experiment<'a> {
         }
         let samples: usize = records.iter().map(|r| r.target.nrows()).sum();
         let numbers = samples * outputs;
-        if numbers > MAX_NUMBERS {
-            return Err(ExperimentError::TooLong { numbers });
+        let parameters = model.names().len();
+        if numbers.saturating_mul(parameters) > MAX_NUMBERS {
+            return Err(ExperimentError::TooLong { numbers, parameters });
         }
-        let unknowns = model.names().len() + outputs * (outputs + 1) / 2;
+        let unknowns = parameters + outputs * (outputs + 1) / 2;
         if numbers < 2 * unknowns {
             return Err(ExperimentError::TooShort { numbers, unknowns });
         }
