@@ -16,6 +16,8 @@ pub enum Kind {
     Ssid,
     /// The two-stimulus estimate: feedback and feedforward from a command and a disturbance, line by line and by structure.
     TwoStimulus,
+    /// The gains of a person, and parameters of the plant, from trials by maximum likelihood.
+    GainFit,
     /// The cost for which a feedback gain is optimal.
     InverseLqr,
     /// The noise intensities for which a filter gain is optimal.
@@ -26,8 +28,15 @@ pub enum Kind {
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 6] =
-        [Self::FrequencyResponse, Self::Ssid, Self::TwoStimulus, Self::InverseLqr, Self::InverseLqe, Self::InverseLqg];
+    pub const ALL: [Self; 7] = [
+        Self::FrequencyResponse,
+        Self::Ssid,
+        Self::TwoStimulus,
+        Self::GainFit,
+        Self::InverseLqr,
+        Self::InverseLqe,
+        Self::InverseLqg,
+    ];
 
     /// The name on the wire.
     #[must_use]
@@ -36,6 +45,7 @@ impl Kind {
             Self::FrequencyResponse => "frequency_response",
             Self::Ssid => "ssid",
             Self::TwoStimulus => "two_stimulus",
+            Self::GainFit => "gain_fit",
             Self::InverseLqr => "inverse_lqr",
             Self::InverseLqe => "inverse_lqe",
             Self::InverseLqg => "inverse_lqg",

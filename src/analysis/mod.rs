@@ -5,6 +5,7 @@
 
 pub mod frequency_problem;
 pub mod frequency_response;
+pub mod gain_fit;
 pub mod ids;
 pub mod inputs;
 pub mod inverse;

@@ -4,7 +4,7 @@ use super::inputs::{Library, References};
 use super::kind::{Kind, Request};
 use super::problem::Problem;
 use super::report::Report;
-use super::{frequency_response, inverse, ssid, ssid_mimo, two_stimulus};
+use super::{frequency_response, gain_fit, inverse, ssid, ssid_mimo, two_stimulus};
 use crate::control::Model;
 use crate::num::{Ctl, Stopped};
 use serde::{Deserialize, Serialize};
@@ -19,6 +19,8 @@ pub enum Plan {
     Ssid(ssid::Plan),
     /// See [`two_stimulus`].
     TwoStimulus(two_stimulus::Plan),
+    /// See [`gain_fit`].
+    GainFit(gain_fit::Plan),
     /// See [`inverse`]: three kinds.
     Inverse(inverse::Plan),
     /// Kind `ssid` with several inputs and outputs; see [`ssid_mimo`].
@@ -64,6 +66,7 @@ impl Plan {
             Kind::Ssid if ssid_mimo::is_asked_for(request) => ssid_mimo::Plan::parse(request).map(Self::SsidMimo),
             Kind::Ssid => ssid::Plan::parse(request).map(Self::Ssid),
             Kind::TwoStimulus => two_stimulus::Plan::parse(request).map(Self::TwoStimulus),
+            Kind::GainFit => gain_fit::Plan::parse(request).map(Self::GainFit),
             kind @ (Kind::InverseLqr | Kind::InverseLqe | Kind::InverseLqg) => {
                 inverse::Plan::parse(request, kind).map(Self::Inverse)
             }
@@ -77,6 +80,7 @@ impl Plan {
             Self::FrequencyResponse(_) => Kind::FrequencyResponse,
             Self::Ssid(_) | Self::SsidMimo(_) => Kind::Ssid,
             Self::TwoStimulus(_) => Kind::TwoStimulus,
+            Self::GainFit(_) => Kind::GainFit,
             Self::Inverse(plan) => plan.kind(),
         }
     }
@@ -88,6 +92,7 @@ impl Plan {
             Self::FrequencyResponse(plan) => plan.references(),
             Self::Ssid(plan) => plan.references(),
             Self::TwoStimulus(plan) => plan.references(),
+            Self::GainFit(plan) => plan.references(),
             Self::Inverse(plan) => plan.references(),
             Self::SsidMimo(plan) => plan.references(),
         }
@@ -100,6 +105,7 @@ impl Plan {
             Self::FrequencyResponse(plan) => plan.request(),
             Self::Ssid(plan) => plan.request(),
             Self::TwoStimulus(plan) => plan.request(),
+            Self::GainFit(plan) => plan.request(),
             Self::Inverse(plan) => plan.request(),
             Self::SsidMimo(plan) => plan.request(),
         }
@@ -116,6 +122,7 @@ impl Plan {
             Self::FrequencyResponse(plan) => plan.run(library, ctl),
             Self::Ssid(plan) => plan.run(library, ctl),
             Self::TwoStimulus(plan) => plan.run(library, ctl),
+            Self::GainFit(plan) => plan.run(library, ctl),
             Self::Inverse(plan) => plan.run(library, ctl),
             Self::SsidMimo(plan) => plan.run(library, ctl),
         }

@@ -8,6 +8,7 @@ use super::{
     subjects, trials, upload,
 };
 use crate::analysis::frequency_response::{FrequencyResponseResult, FrequencyResponseSpec};
+use crate::analysis::gain_fit::{GainFitResult, GainFitSpec, GainFitTrial, MatrixPlant, NamedPlant, PlantParameter};
 use crate::analysis::inverse::{Comparand, InverseLqgSpec, InverseLqrResult, InverseSpec, Trajectory};
 use crate::analysis::ssid::{FrequencyResponseInput, SsidResult, SsidSpec};
 use crate::analysis::ssid_mimo::{SsidMimoInputs, SsidMimoResult, SsidMimoSpec};
@@ -41,6 +42,12 @@ use utoipa_axum::routes;
         StimulusResponsesInput,
         TwoStimulusSpec,
         TwoStimulusResult,
+        GainFitTrial,
+        NamedPlant,
+        MatrixPlant,
+        PlantParameter,
+        GainFitSpec,
+        GainFitResult,
         InverseSpec,
         InverseLqgSpec,
         InverseLqrResult,

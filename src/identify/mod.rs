@@ -5,6 +5,7 @@ pub mod basis;
 pub mod delayed;
 pub mod family;
 pub mod frequency;
+pub mod gain_fit;
 pub mod identifiability;
 pub mod mimo;
 pub mod pool;

@@ -6,6 +6,7 @@
 mod bracket;
 pub mod ctl;
 pub mod distributions;
+pub mod dual;
 pub mod least_squares;
 pub mod linalg;
 mod nonnegative;

@@ -5,6 +5,7 @@ mod analyses;
 mod bad_input;
 mod conditional;
 mod events;
+mod gain_fit;
 mod harness;
 mod inverse;
 mod learning;

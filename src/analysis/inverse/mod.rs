@@ -29,7 +29,11 @@ pub use result::{
 };
 use serde_json::{Map, Value, json};
 use spec::{Checked, CheckedSpecs};
-pub use spec::{FitSpec, InverseLqgSpec, InverseSpec, PortWeight, StateWeight};
+pub use spec::{FitSpec, InverseLqgSpec, InverseSpec, PortWeight, StateWeight, WeightName};
+
+pub(in crate::analysis) use inputs::matrix;
+pub(in crate::analysis) use result::rows;
+pub(in crate::analysis) use spec::structure;
 use std::collections::BTreeMap;
 
 /// Version of [`InverseLqrResult`].

@@ -169,7 +169,7 @@ pub struct InverseLqrResult {
     pub fit: Option<FitResult>,
 }
 
-pub(super) fn rows(m: &DMatrix<f64>) -> Vec<Vec<f64>> {
+pub(in crate::analysis) fn rows(m: &DMatrix<f64>) -> Vec<Vec<f64>> {
     m.row_iter().map(|row| row.iter().copied().collect()).collect()
 }
 

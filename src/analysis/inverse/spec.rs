@@ -146,30 +146,41 @@ fn pattern(rows: &[Vec<bool>], order: usize, at: &str) -> Result<DMatrix<bool>, 
     Ok(DMatrix::from_fn(order, order, |i, j| rows[i][j]))
 }
 
+/// What a spec says about the weights of n states and m ports.
+pub(in crate::analysis) fn structure(
+    written: &InverseSpec,
+    n: usize,
+    m: usize,
+    at: &str,
+) -> Result<Structure, Problem> {
+    let diagonal = |order: usize| DMatrix::from_fn(order, order, |i, j| i == j);
+    let mut structure = Structure {
+        q_sign: if written.semidefinite { QSign::Semidefinite } else { QSign::Definite },
+        ..Structure::default()
+    };
+    structure.q_pattern = match &written.state_weight {
+        StateWeight::Name(WeightName::Full) => None,
+        StateWeight::Name(WeightName::Diagonal) => Some(diagonal(n)),
+        StateWeight::Pattern { pattern: rows } => Some(pattern(rows, n, &format!("{at}/state_weight/pattern"))?),
+    };
+    match &written.port_weight {
+        PortWeight::Name(WeightName::Full) => {}
+        PortWeight::Name(WeightName::Diagonal) => structure.r_pattern = Some(diagonal(m)),
+        PortWeight::Pattern { pattern: rows } => {
+            structure.r_pattern = Some(pattern(rows, m, &format!("{at}/port_weight/pattern"))?);
+        }
+        PortWeight::Fixed { fixed } => {
+            structure.r = Some(matrix(&json!(fixed), "the fixed weight", &format!("{at}/port_weight/fixed"))?);
+        }
+    }
+    structure.check(n, m).map_err(|error| problems::structure(&error, at))?;
+    Ok(structure)
+}
+
 impl Checked {
     fn new(written: InverseSpec, gains: &Gains, at: &str) -> Result<Self, Problem> {
         let (n, m) = (gains.states(), gains.ports());
-        let diagonal = |order: usize| DMatrix::from_fn(order, order, |i, j| i == j);
-        let mut structure = Structure {
-            q_sign: if written.semidefinite { QSign::Semidefinite } else { QSign::Definite },
-            ..Structure::default()
-        };
-        structure.q_pattern = match &written.state_weight {
-            StateWeight::Name(WeightName::Full) => None,
-            StateWeight::Name(WeightName::Diagonal) => Some(diagonal(n)),
-            StateWeight::Pattern { pattern: rows } => Some(pattern(rows, n, &format!("{at}/state_weight/pattern"))?),
-        };
-        match &written.port_weight {
-            PortWeight::Name(WeightName::Full) => {}
-            PortWeight::Name(WeightName::Diagonal) => structure.r_pattern = Some(diagonal(m)),
-            PortWeight::Pattern { pattern: rows } => {
-                structure.r_pattern = Some(pattern(rows, m, &format!("{at}/port_weight/pattern"))?);
-            }
-            PortWeight::Fixed { fixed } => {
-                structure.r = Some(matrix(&json!(fixed), "the fixed weight", &format!("{at}/port_weight/fixed"))?);
-            }
-        }
-        structure.check(n, m).map_err(|error| problems::structure(&error, at))?;
+        let structure = structure(&written, n, m, at)?;
         let mut metric = None;
         if let Some(fit) = &written.fit {
             let list = &fit.condition_numbers;

@@ -1,0 +1,284 @@
+//! Whether the gains that were found are optimal for a cost, how surely, and for which.
+//!
+//! The estimate is drawn from its normal distribution (gains and parameters of the plant together), and each draw is put the question of
+//! `inverse_lqr`. The share of draws with weights is the probability that the gains are optimal at all, with the interval of Clopper and
+//! Pearson (1934); the weights of those draws, on the scale on which R has the mean eigenvalue 1, give the intervals of Q and R.
+
+use super::spec::OptimalitySpec;
+use crate::analysis::inverse::{self, rows};
+use crate::analysis::plan::Failure;
+use crate::control::lyapunov::Clock;
+use crate::inverse::fit::{FitSettings, fit};
+use crate::inverse::lqr::InverseError;
+use crate::inverse::{Gains, Settings, Verdict, inverse_lqr, reading};
+use crate::num::distributions::{beta_i, chi_square_cdf};
+use crate::num::{Ctl, rng};
+use nalgebra::{DMatrix, DVector};
+use rand::RngExt;
+use rand_distr::StandardNormal;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Condition numbers of the nearest optimal gain.
+const CONDITIONS: [f64; 3] = [1e2, 1e4, 1e6];
+
+/// A weight with its interval.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct WeightInterval {
+    /// Of the estimate itself; null where that has no cost.
+    pub estimate: Option<Vec<Vec<f64>>>,
+    /// Lower ends, entry by entry.
+    pub lower: Vec<Vec<f64>>,
+    /// Upper ends.
+    pub upper: Vec<Vec<f64>>,
+}
+
+/// The nearest optimal gain, in the metric of the estimate's own covariance.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct NearestOptimal {
+    /// Q.
+    pub q: Vec<Vec<f64>>,
+    /// R.
+    pub r: Vec<Vec<f64>>,
+    /// Its gain.
+    pub k: Vec<Vec<f64>>,
+    /// `(K̂ − K)ᵀ Cov⁻¹ (K̂ − K)`.
+    pub distance_squared: f64,
+    /// Probability of a larger distance between an estimate and the true gain, by chi-square with as many degrees as K has entries: where it is
+    /// large, the data do not speak against an optimal gain.
+    pub p_value: f64,
+    /// The condition number that the weights were held to.
+    pub condition_number: f64,
+}
+
+/// What the gains say about a cost.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct OptimalityResult {
+    /// Of the estimate itself: `feasible`, `infeasible`, `boundary`, or `none` with the reason.
+    pub verdict: String,
+    /// Why there is no verdict.
+    pub reason: Option<String>,
+    /// `max t` as in `inverse_lqr`, scaled.
+    pub t_star_scaled: Option<f64>,
+    /// Dimension of the space of weights that satisfy the equalities; above 1 the gain leaves the cost open, and the best conditioned is given.
+    pub unknowns: Option<usize>,
+    /// Draws put the question.
+    pub draws: usize,
+    /// Draws with weights.
+    pub feasible: usize,
+    /// Draws for which working precision does not decide.
+    pub undecided: usize,
+    /// Draws whose plant or loop leaves the question without sense (an unstable loop, an uncontrollable plant); they count as not optimal.
+    pub senseless: usize,
+    /// `feasible/draws`; null without draws.
+    pub probability: Option<f64>,
+    /// Its interval, for the number of draws.
+    pub probability_interval: Option<[f64; 2]>,
+    /// Q on the scale on which R has the mean eigenvalue 1; null with fewer than 20 feasible draws.
+    pub q: Option<WeightInterval>,
+    /// R on that scale.
+    pub r: Option<WeightInterval>,
+    /// Where the estimate itself has no cost.
+    pub nearest: Option<NearestOptimal>,
+}
+
+/// Feasible draws that an interval needs.
+const ENOUGH: usize = 20;
+
+/// The question at a point of the parameters: A, B, K and their time base; `None` where the plant is not defined.
+pub(super) type At<'a> = dyn Fn(&[f64]) -> Option<(DMatrix<f64>, DMatrix<f64>, DMatrix<f64>)> + Sync + 'a;
+
+/// The estimate as the question needs it.
+pub(super) struct Question<'a> {
+    pub theta: &'a [f64],
+    /// Of all parameters.
+    pub covariance: Option<&'a DMatrix<f64>>,
+    /// Of K, column by column.
+    pub gain_covariance: Option<&'a DMatrix<f64>>,
+    pub at: &'a At<'a>,
+    pub clock: Clock,
+    pub confidence: f64,
+    pub seed: u64,
+}
+
+/// The bounds of Clopper and Pearson for `k` of `n`.
+pub(super) fn binomial_interval(k: usize, n: usize, level: f64) -> [f64; 2] {
+    let tail = 0.5 * (1.0 - level);
+    let (k, n) = (k as f64, n as f64);
+    // The quantile of the beta distribution, by bisection.
+    let quantile = |probability: f64, a: f64, b: f64| {
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if beta_i(a, b, middle) < probability { low = middle } else { high = middle }
+        }
+        0.5 * (low + high)
+    };
+    let lower = if k == 0.0 { 0.0 } else { quantile(tail, k, n - k + 1.0) };
+    let upper = if k == n { 1.0 } else { quantile(1.0 - tail, k + 1.0, n - k) };
+    [lower, upper]
+}
+
+/// Asks.
+pub(super) fn ask(question: &Question<'_>, spec: &OptimalitySpec, ctl: &Ctl) -> Result<OptimalityResult, Failure> {
+    let mut result = OptimalityResult {
+        verdict: "none".to_owned(),
+        reason: None,
+        t_star_scaled: None,
+        unknowns: None,
+        draws: 0,
+        feasible: 0,
+        undecided: 0,
+        senseless: 0,
+        probability: None,
+        probability_interval: None,
+        q: None,
+        r: None,
+        nearest: None,
+    };
+    let Some((a, b, k)) = (question.at)(question.theta) else {
+        result.reason = Some("the plant is not defined at the estimate".to_owned());
+        return Ok(result);
+    };
+    let settings =
+        Settings { structure: inverse::structure(&spec.inverse(), a.nrows(), b.ncols(), "/spec/optimality")? };
+    let gains = match Gains::regulator(&a, &b, &k, question.clock) {
+        Ok(gains) => gains,
+        Err(error) => {
+            result.reason = Some(error.to_string());
+            return Ok(result);
+        }
+    };
+    let mut estimate = None;
+    match inverse_lqr(&gains, &settings, ctl) {
+        Ok(answer) => {
+            result.verdict = name(answer.verdict).to_owned();
+            result.t_star_scaled = answer.t_star_scaled;
+            result.unknowns = Some(answer.unknowns);
+            estimate = answer.weights.filter(|_| accepted(answer.verdict, &settings)).map(|w| (w.q, w.r));
+        }
+        Err(InverseError::Stopped(stopped)) => return Err(stopped.into()),
+        Err(error) => result.reason = Some(error.to_string()),
+    }
+    if estimate.is_none() && result.verdict == "infeasible" {
+        result.nearest = nearest(&gains, &settings, question, ctl)?;
+    }
+    if let Some(root) = question.covariance.filter(|_| spec.draws > 0).map(square_root) {
+        draw(question, &settings, &root, spec.draws, estimate, &mut result, ctl)?;
+    }
+    Ok(result)
+}
+
+fn name(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Feasible => "feasible",
+        Verdict::Infeasible => "infeasible",
+        Verdict::Boundary => "boundary",
+    }
+}
+
+/// Whether a verdict with weights says yes.
+fn accepted(verdict: Verdict, settings: &Settings) -> bool {
+    verdict == Verdict::Feasible || (verdict == Verdict::Boundary && settings.accepts_boundary())
+}
+
+/// F with `F Fᵀ` the matrix; parameters without variance have none in F.
+fn square_root(covariance: &DMatrix<f64>) -> DMatrix<f64> {
+    let eigen = covariance.clone().symmetric_eigen();
+    let roots = eigen.eigenvalues.map(|v| v.max(0.0).sqrt());
+    &eigen.eigenvectors * DMatrix::from_diagonal(&roots)
+}
+
+fn draw(
+    question: &Question<'_>,
+    settings: &Settings,
+    root: &DMatrix<f64>,
+    draws: usize,
+    estimate: Option<(DMatrix<f64>, DMatrix<f64>)>,
+    result: &mut OptimalityResult,
+    ctl: &Ctl,
+) -> Result<(), Failure> {
+    let mut stream = rng::stream(question.seed, "gain fit optimality");
+    let mut weights: Vec<(DMatrix<f64>, DMatrix<f64>)> = Vec::new();
+    for _ in 0..draws {
+        ctl.check()?;
+        let z = DVector::from_fn(root.ncols(), |_, _| stream.sample::<f64, _>(StandardNormal));
+        let moved = root * z;
+        let theta: Vec<f64> = question.theta.iter().zip(moved.iter()).map(|(t, d)| t + d).collect();
+        result.draws += 1;
+        let gains = (question.at)(&theta).and_then(|(a, b, k)| Gains::regulator(&a, &b, &k, question.clock).ok());
+        match gains.map(|gains| inverse_lqr(&gains, settings, ctl)) {
+            None => result.senseless += 1,
+            Some(Err(InverseError::Stopped(stopped))) => return Err(stopped.into()),
+            Some(Err(_)) => result.undecided += 1,
+            Some(Ok(answer)) if accepted(answer.verdict, settings) && answer.weights.is_some() => {
+                result.feasible += 1;
+                weights.extend(answer.weights.map(|w| {
+                    let (q, r, _) = reading::normalised(&w.q, &w.r);
+                    (q, r)
+                }));
+            }
+            Some(Ok(answer)) => result.undecided += usize::from(answer.verdict == Verdict::Boundary),
+        }
+        ctl.advance(1);
+    }
+    result.probability = Some(result.feasible as f64 / result.draws as f64);
+    result.probability_interval = Some(binomial_interval(result.feasible, result.draws, question.confidence));
+    if weights.len() >= ENOUGH {
+        let own = estimate.map(|(q, r)| {
+            let (q, r, _) = reading::normalised(&q, &r);
+            (q, r)
+        });
+        let qs: Vec<&DMatrix<f64>> = weights.iter().map(|w| &w.0).collect();
+        let rs: Vec<&DMatrix<f64>> = weights.iter().map(|w| &w.1).collect();
+        result.q = Some(interval(own.as_ref().map(|w| &w.0), &qs, question.confidence));
+        result.r = Some(interval(own.as_ref().map(|w| &w.1), &rs, question.confidence));
+    }
+    Ok(())
+}
+
+/// Quantiles of each entry.
+fn interval(estimate: Option<&DMatrix<f64>>, draws: &[&DMatrix<f64>], level: f64) -> WeightInterval {
+    let quantile = |i: usize, j: usize, share: f64| {
+        let mut values: Vec<f64> = draws.iter().map(|m| m[(i, j)]).collect();
+        values.sort_by(f64::total_cmp);
+        let at = share * (values.len() - 1) as f64;
+        let (low, rest) = (at.floor() as usize, at.fract());
+        values[low] + rest * (values[(low + 1).min(values.len() - 1)] - values[low])
+    };
+    let (n, m) = draws.first().map_or((0, 0), |d| d.shape());
+    let tail = 0.5 * (1.0 - level);
+    let all = |share: f64| (0..n).map(|i| (0..m).map(|j| quantile(i, j, share)).collect()).collect();
+    WeightInterval { estimate: estimate.map(rows), lower: all(tail), upper: all(1.0 - tail) }
+}
+
+fn nearest(
+    gains: &Gains,
+    settings: &Settings,
+    question: &Question<'_>,
+    ctl: &Ctl,
+) -> Result<Option<NearestOptimal>, Failure> {
+    let Some(metric) = question.gain_covariance.and_then(|c| c.clone().cholesky()).map(|f| f.inverse()) else {
+        return Ok(None);
+    };
+    let wanted = FitSettings {
+        structure: settings.structure.clone(),
+        condition_numbers: CONDITIONS.to_vec(),
+        metric: Some(metric),
+        seed: question.seed,
+        ..FitSettings::default()
+    };
+    let found = match fit(gains, &wanted, ctl) {
+        Ok(found) => found,
+        Err(crate::inverse::fit::FitError::Stopped(stopped)) => return Err(stopped.into()),
+        Err(_) => return Ok(None),
+    };
+    Ok(found.curve.last().map(|best| NearestOptimal {
+        q: rows(&best.q),
+        r: rows(&best.r),
+        k: rows(&best.k),
+        distance_squared: best.residual,
+        p_value: (1.0 - chi_square_cdf(best.residual, (gains.states() * gains.ports()) as f64)).clamp(0.0, 1.0),
+        condition_number: best.condition_number,
+    }))
+}

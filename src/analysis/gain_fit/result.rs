@@ -1,0 +1,127 @@
+//! The result of a fit.
+
+use super::optimality::OptimalityResult;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// A parameter of the fit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FittedParameterResult {
+    /// Its name.
+    pub name: String,
+    /// The estimate.
+    pub value: f64,
+    /// Its standard error; null at a bound, or where the data do not determine all parameters.
+    pub standard_error: Option<f64>,
+    /// Its interval of the level asked for, cut at the bounds.
+    pub interval: Option<[f64; 2]>,
+    /// The bounds that it was held to; null where there is none.
+    pub bounds: [Option<f64>; 2],
+    /// `lower` or `upper` where it is at a bound.
+    pub at_bound: Option<String>,
+}
+
+/// What shows that the search has arrived.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FitConvergenceResult {
+    /// Whether the projected gradient is zero to its tolerance: the remaining step is below 0.01 standard errors.
+    pub converged: bool,
+    /// The projected gradient: largest cosine between the residuals and their derivative with respect to a parameter that no bound holds.
+    pub gradient_cosine: f64,
+    /// The largest step that Newton's method would still take, in standard errors; null where the data do not determine all parameters.
+    pub remaining_step: Option<f64>,
+    /// Whether the gradient pushes every parameter at a bound against it.
+    pub bounds_hold: bool,
+    /// Draws of a start that make the loop stable, of all draws.
+    pub usable_starts: usize,
+    /// Draws.
+    pub draws: usize,
+    /// Climbs from the likeliest of them.
+    pub climbs: usize,
+    /// Climbs that ended at the likelihood of the answer.
+    pub agreeing: usize,
+    /// Evaluations of the model.
+    pub evaluations: usize,
+    /// Rounds of reweighting by the covariance of the noise.
+    pub rounds: usize,
+}
+
+/// An output, and how well it is explained.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FittedOutputResult {
+    /// Standard deviation of the noise.
+    pub noise_sd: f64,
+    /// `100 (1 − ‖y − ŷ‖/‖y − ȳ‖)`, percent; of predictions one sample ahead where the filter is estimated too.
+    pub fit_percent: f64,
+    /// Correlation of neighbouring residuals.
+    pub lag_one_correlation: f64,
+    /// Lags of the test of Ljung and Box.
+    pub lags: usize,
+    /// Its probability of larger correlations if the residuals are white.
+    pub whiteness_p: f64,
+}
+
+/// What the data determine worst.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct GainIdentifiabilityResult {
+    /// Whether all parameters are determined.
+    pub identifiable: bool,
+    /// Condition number of Fisher's information in units of each parameter's own; null where it is singular.
+    pub condition_number: Option<f64>,
+    /// The worst combination in those units, such as `0.71 k1 − 0.70 k3`.
+    pub weakest_combination: String,
+}
+
+/// What `inverse_lqr` takes, at the estimate.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct InverseInputsResult {
+    /// A.
+    pub a: Vec<Vec<f64>>,
+    /// B.
+    pub b: Vec<Vec<f64>>,
+    /// K.
+    pub k: Vec<Vec<f64>>,
+    /// Null in continuous time.
+    pub sample_time_s: Option<f64>,
+    /// The names of the states.
+    pub state_names: Vec<String>,
+}
+
+/// The result of `gain_fit`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct GainFitResult {
+    /// K, m×n.
+    pub k: Vec<Vec<f64>>,
+    /// Covariance of K's entries, column by column: what `inverse_lqr` takes as `fit/gain_covariance`.
+    pub k_covariance: Option<Vec<Vec<f64>>>,
+    /// L, n×p, where it is estimated: the gain of the predictor in sampled time.
+    pub l: Option<Vec<Vec<f64>>>,
+    /// Covariance of the entries of Lᵀ, column by column: what `inverse_lqe` takes.
+    pub l_covariance: Option<Vec<Vec<f64>>>,
+    /// All parameters: K row by row, L row by row, those of the plant, `tau` and `t_w`.
+    pub parameters: Vec<FittedParameterResult>,
+    /// Their covariance, in that order.
+    pub covariance: Option<Vec<Vec<f64>>>,
+    /// Covariance of the noise (of the innovations where the filter is estimated too), p×p.
+    pub noise_covariance: Vec<Vec<f64>>,
+    /// Logarithm of the likelihood.
+    pub log_likelihood: f64,
+    /// Samples of all trials.
+    pub samples: usize,
+    /// Numbers measured less unknowns.
+    pub degrees_of_freedom: f64,
+    /// What shows that the search has arrived.
+    pub convergence: FitConvergenceResult,
+    /// The outputs.
+    pub outputs: Vec<FittedOutputResult>,
+    /// What the data determine worst.
+    pub identifiability: GainIdentifiabilityResult,
+    /// Poles of the loop (of the predictor where the filter is estimated too) in sampled time, as `[re, im]`.
+    pub sampled_poles: Vec<[f64; 2]>,
+    /// States at the first sample of every trial, where they were estimated.
+    pub initial_states: Option<Vec<Vec<f64>>>,
+    /// The question that `inverse_lqr` takes.
+    pub inverse_lqr_inputs: InverseInputsResult,
+    /// Whether the gains are optimal for a cost, how surely, and for which.
+    pub optimality: Option<OptimalityResult>,
+}

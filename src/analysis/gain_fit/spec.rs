@@ -1,0 +1,334 @@
+//! How it is fitted: as written, and checked.
+
+use super::problems::wrong_spec as wrong;
+use crate::analysis::inverse::{InverseSpec, PortWeight, StateWeight, WeightName, matrix};
+use crate::analysis::problem::Problem;
+use crate::identify::gain_fit::Noise;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+use utoipa::ToSchema;
+
+/// Orders of the Padé approximation at most.
+const MAX_ORDER: usize = 10;
+/// Draws of starts, climbs, and draws of gains at most.
+const MAX_DRAWS: usize = 10_000;
+const MAX_CLIMBS: usize = 100;
+
+/// What is estimated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum GainFitWanted {
+    /// K of `u = −Kx`, from responses of the closed loop.
+    Gain,
+    /// K and L of `u = −Kx̂` and the sampled filter `x̂⁺ = Ax̂ + Bu + Ew + L(y − ŷ)`, by the innovation form.
+    GainAndFilter,
+}
+
+/// What is known of the covariance of the noise.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(untagged)]
+pub enum NoiseSpec {
+    /// `full` (any covariance), `diagonal` (independent outputs) or `scalar` (one variance).
+    Name(NoiseName),
+    /// The covariance itself.
+    Known {
+        /// Rows, p×p, positive definite.
+        covariance: Vec<Vec<f64>>,
+    },
+}
+
+/// A form of the covariance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum NoiseName {
+    /// Any covariance.
+    Full,
+    /// Independent outputs.
+    Diagonal,
+    /// One variance for all outputs.
+    Scalar,
+}
+
+/// What the trials start from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum InitialState {
+    /// At rest.
+    Rest,
+    /// As the trials say.
+    Given,
+    /// Anywhere: every trial's is estimated along.
+    Estimated,
+}
+
+/// A delay between state and control, as a Padé approximation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PersonDelaySpec {
+    /// Order of the approximation. Default: 5.
+    #[serde(default = "five")]
+    pub order: usize,
+    /// The delay where it is known; null for a parameter `tau` of the fit. Default: null.
+    #[serde(default)]
+    pub seconds: Option<f64>,
+}
+
+fn five() -> usize {
+    5
+}
+
+/// A first-order lag of the muscle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PersonLagSpec {
+    /// The time constant where it is known; null for a parameter `t_w` of the fit. Default: null.
+    #[serde(default)]
+    pub seconds: Option<f64>,
+}
+
+/// The question put to the gains that were found: for which cost are they optimal?
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct OptimalitySpec {
+    /// Q: `"full"`, `"diagonal"` or `{"pattern": [[true, ..], ..]}`. Default: full.
+    pub state_weight: StateWeight,
+    /// R: `"full"`, `"diagonal"`, `{"fixed": [[..]]}` or `{"pattern": ..}`. Default: full.
+    pub port_weight: PortWeight,
+    /// Whether Q may be singular. Default: false.
+    pub semidefinite: bool,
+    /// Draws from the distribution of the estimate, each of which is put the same question. Default: 200.
+    pub draws: usize,
+}
+
+impl Default for OptimalitySpec {
+    fn default() -> Self {
+        Self {
+            state_weight: StateWeight::Name(WeightName::Full),
+            port_weight: PortWeight::Name(WeightName::Full),
+            semidefinite: false,
+            draws: 200,
+        }
+    }
+}
+
+impl OptimalitySpec {
+    /// As the spec of `inverse_lqr`.
+    pub(super) fn inverse(&self) -> InverseSpec {
+        InverseSpec {
+            state_weight: self.state_weight.clone(),
+            port_weight: self.port_weight.clone(),
+            semidefinite: self.semidefinite,
+            fit: None,
+        }
+    }
+}
+
+/// The spec of `gain_fit`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct GainFitSpec {
+    /// `gain` (default) or `gain_and_filter`.
+    pub estimate: GainFitWanted,
+    /// A delay in the person. Default: none.
+    pub delay: Option<PersonDelaySpec>,
+    /// A lag in the person. Default: none.
+    pub muscle_lag: Option<PersonLagSpec>,
+    /// Parameters of the plant that are fitted. Default: all of a plant in the request, none of the catalogue's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub free: Option<Vec<String>>,
+    /// `[lower, upper]` by the name of a parameter. Default: none, and 1 ms to 1 s for `tau` and `t_w`.
+    pub bounds: BTreeMap<String, [Option<f64>; 2]>,
+    /// A start beside the drawn ones, with a value for every parameter. Default: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start: Option<BTreeMap<String, f64>>,
+    /// `full` (default), `diagonal`, `scalar` or `{"covariance": [[..]]}`.
+    pub noise: NoiseSpec,
+    /// `rest`, `given` or `estimated`. Default: given where the trials have it, otherwise estimated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub initial_state: Option<InitialState>,
+    /// The level of the intervals. Default: 0.95.
+    pub confidence: f64,
+    /// Points drawn as starts. Default: 60.
+    pub draws: usize,
+    /// How many of them, the likeliest, are climbed from. Default: 6.
+    pub climbs: usize,
+    /// The seed of all draws. Default: 1.
+    pub seed: u64,
+    /// Whether and how the gains are asked for their cost; null for not at all.
+    pub optimality: Option<OptimalitySpec>,
+}
+
+impl Default for GainFitSpec {
+    fn default() -> Self {
+        Self {
+            estimate: GainFitWanted::Gain,
+            delay: None,
+            muscle_lag: None,
+            free: None,
+            bounds: BTreeMap::new(),
+            start: None,
+            noise: NoiseSpec::Name(NoiseName::Full),
+            initial_state: None,
+            confidence: 0.95,
+            draws: 60,
+            climbs: 6,
+            seed: 1,
+            optimality: Some(OptimalitySpec::default()),
+        }
+    }
+}
+
+impl GainFitSpec {
+    /// Checks the `spec` of a request, as far as the plant does not matter.
+    pub(super) fn parse(spec: &Value) -> Result<Self, Problem> {
+        let Value::Object(members) = spec else {
+            return Err(wrong("the spec is no object", "/spec"));
+        };
+        // One at a time first, since the deserialiser does not say where it stopped.
+        for (name, value) in members {
+            let alone = Value::Object(Map::from_iter([(name.clone(), value.clone())]));
+            if let Err(error) = serde_json::from_value::<Self>(alone) {
+                return Err(wrong(error.to_string(), format!("/spec/{name}")));
+            }
+        }
+        let written: Self = serde_json::from_value(spec.clone()).map_err(|error| wrong(error.to_string(), "/spec"))?;
+        if !(written.confidence > 0.0 && written.confidence < 1.0) {
+            return Err(wrong(
+                format!("the level is {}, and must lie between 0 and 1", written.confidence),
+                "/spec/confidence",
+            ));
+        }
+        for (name, value, most) in [("draws", written.draws, MAX_DRAWS), ("climbs", written.climbs, MAX_CLIMBS)] {
+            if !(1..=most).contains(&value) {
+                return Err(wrong(format!("{name} is {value}; 1 to {most} are taken"), format!("/spec/{name}")));
+            }
+        }
+        if let Some(draws) = written.optimality.as_ref().map(|o| o.draws).filter(|draws| *draws > MAX_DRAWS) {
+            return Err(wrong(format!("draws is {draws}; at most {MAX_DRAWS} are taken"), "/spec/optimality/draws"));
+        }
+        if let Some(delay) = &written.delay {
+            if !(1..=MAX_ORDER).contains(&delay.order) {
+                return Err(wrong(
+                    format!("the order is {}; 1 to {MAX_ORDER} are taken", delay.order),
+                    "/spec/delay/order",
+                ));
+            }
+            positive(delay.seconds, "/spec/delay/seconds")?;
+        }
+        if let Some(lag) = &written.muscle_lag {
+            positive(lag.seconds, "/spec/muscle_lag/seconds")?;
+        }
+        if written.estimate == GainFitWanted::GainAndFilter {
+            for (name, is_given) in [("delay", written.delay.is_some()), ("muscle_lag", written.muscle_lag.is_some())] {
+                if is_given {
+                    return Err(wrong(
+                        "gain and filter together are those of a controller without delay and lag",
+                        format!("/spec/{name}"),
+                    )
+                    .mend("Put them into the plant's matrices, or estimate the gain alone."));
+                }
+            }
+        }
+        for (name, [lower, upper]) in &written.bounds {
+            let [low, high] = [lower.unwrap_or(f64::NEG_INFINITY), upper.unwrap_or(f64::INFINITY)];
+            let is_range = low < high;
+            if !is_range {
+                return Err(wrong(
+                    format!("the bounds {low} and {high} of {name} cross"),
+                    format!("/spec/bounds/{name}"),
+                ));
+            }
+        }
+        if let Some(free) = &written.free
+            && let Some(i) = (0..free.len()).find(|i| free[..*i].contains(&free[*i]))
+        {
+            return Err(wrong(format!("{:?} is named twice", free[i]), format!("/spec/free/{i}")));
+        }
+        Ok(written)
+    }
+
+    /// The noise, for so many outputs.
+    pub(super) fn noise(&self, outputs: usize) -> Result<Noise, Problem> {
+        Ok(match &self.noise {
+            NoiseSpec::Name(NoiseName::Full) => Noise::Full,
+            NoiseSpec::Name(NoiseName::Diagonal) => Noise::Diagonal,
+            NoiseSpec::Name(NoiseName::Scalar) => Noise::Scalar,
+            NoiseSpec::Known { covariance } => {
+                const AT: &str = "/spec/noise/covariance";
+                let found = matrix(&json!(covariance), "the covariance", AT)?;
+                if found.shape() != (outputs, outputs) {
+                    let (rows, columns) = found.shape();
+                    return Err(wrong(
+                        format!("the covariance is {rows}x{columns} and must be {outputs}x{outputs}"),
+                        AT,
+                    ));
+                }
+                let asymmetric = (&found - found.transpose()).norm() > 1e-10 * found.norm();
+                if asymmetric || found.iter().any(|v| !v.is_finite()) || found.clone().cholesky().is_none() {
+                    return Err(wrong("the covariance is not symmetric and positive definite", AT));
+                }
+                Noise::Known(found)
+            }
+        })
+    }
+
+    /// The bounds of parameters with these names and limits.
+    pub(super) fn bounds(&self, names: &[String], limits: &[[f64; 2]]) -> Result<Vec<[f64; 2]>, Problem> {
+        if let Some(name) = self.bounds.keys().find(|name| !names.contains(name)) {
+            return Err(wrong(format!("there is no parameter {name:?}"), format!("/spec/bounds/{name}"))
+                .mend(format!("The parameters are {}.", names.join(", "))));
+        }
+        let one = |(name, [least, most]): (&String, &[f64; 2])| {
+            let usual = if name == "tau" || name == "t_w" { [1e-3, 1.0] } else { [*least, *most] };
+            let [lower, upper] = match self.bounds.get(name) {
+                None => usual,
+                Some([lower, upper]) => [lower.unwrap_or(usual[0]), upper.unwrap_or(usual[1])],
+            };
+            // Never beyond what the model is defined for.
+            let bounds = [lower.max(*least), upper.min(*most)];
+            if bounds[0] < bounds[1] {
+                Ok(bounds)
+            } else {
+                Err(wrong(
+                    format!(
+                        "the bounds {lower} and {upper} of {name} leave nothing of {least} to {most}, where the model is defined"
+                    ),
+                    format!("/spec/bounds/{name}"),
+                ))
+            }
+        };
+        names.iter().zip(limits).map(one).collect()
+    }
+
+    /// The start of the user's, in the order of the parameters.
+    pub(super) fn start(&self, names: &[String], bounds: &[[f64; 2]]) -> Result<Option<Vec<f64>>, Problem> {
+        let Some(start) = &self.start else { return Ok(None) };
+        if let Some(name) = start.keys().find(|name| !names.contains(name)) {
+            return Err(wrong(format!("there is no parameter {name:?}"), format!("/spec/start/{name}"))
+                .mend(format!("The parameters are {}.", names.join(", "))));
+        }
+        let mut values = Vec::new();
+        for (name, [lower, upper]) in names.iter().zip(bounds) {
+            let at = format!("/spec/start/{name}");
+            let value = *start.get(name).ok_or_else(|| wrong(format!("the start has no {name}"), at.clone()))?;
+            if !(lower..=upper).contains(&&value) {
+                return Err(wrong(
+                    format!("the start of {name} is {value}, outside its bounds {lower} and {upper}"),
+                    at,
+                ));
+            }
+            values.push(value);
+        }
+        Ok(Some(values))
+    }
+}
+
+fn positive(seconds: Option<f64>, at: &str) -> Result<(), Problem> {
+    match seconds {
+        Some(value) if !(1e-6..=1e3).contains(&value) => {
+            Err(wrong(format!("{value} s is no time between 1e-6 and 1000 s"), at))
+        }
+        _ => Ok(()),
+    }
+}
