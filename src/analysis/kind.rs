@@ -22,12 +22,24 @@ pub enum Kind {
     InverseLqe,
     /// Both, for a whole controller.
     InverseLqg,
+    /// How flat, rich, unpredictable and bearable an excitation is.
+    ExcitationQuality,
+    /// The compensator of a position loop that delivers the flattest spectrum.
+    CompensatorDesign,
 }
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 6] =
-        [Self::FrequencyResponse, Self::Ssid, Self::TwoStimulus, Self::InverseLqr, Self::InverseLqe, Self::InverseLqg];
+    pub const ALL: [Self; 8] = [
+        Self::FrequencyResponse,
+        Self::Ssid,
+        Self::TwoStimulus,
+        Self::InverseLqr,
+        Self::InverseLqe,
+        Self::InverseLqg,
+        Self::ExcitationQuality,
+        Self::CompensatorDesign,
+    ];
 
     /// The name on the wire.
     #[must_use]
@@ -39,6 +51,8 @@ impl Kind {
             Self::InverseLqr => "inverse_lqr",
             Self::InverseLqe => "inverse_lqe",
             Self::InverseLqg => "inverse_lqg",
+            Self::ExcitationQuality => "excitation_quality",
+            Self::CompensatorDesign => "compensator_design",
         }
     }
 }

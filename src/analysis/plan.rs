@@ -4,7 +4,7 @@ use super::inputs::{Library, References};
 use super::kind::{Kind, Request};
 use super::problem::Problem;
 use super::report::Report;
-use super::{frequency_response, inverse, ssid, ssid_mimo, two_stimulus};
+use super::{excitation, frequency_response, inverse, ssid, ssid_mimo, two_stimulus};
 use crate::num::{Ctl, Stopped};
 
 /// A checked request: everything that can be checked without its inputs has been.
@@ -20,6 +20,10 @@ pub enum Plan {
     Inverse(inverse::Plan),
     /// Kind `ssid` with several inputs and outputs; see [`ssid_mimo`].
     SsidMimo(ssid_mimo::Plan),
+    /// See [`excitation::quality`].
+    ExcitationQuality(excitation::quality::Plan),
+    /// See [`excitation::compensator`].
+    CompensatorDesign(excitation::compensator::Plan),
 }
 
 /// Why a plan came to no report.
@@ -47,6 +51,8 @@ impl Plan {
             kind @ (Kind::InverseLqr | Kind::InverseLqe | Kind::InverseLqg) => {
                 inverse::Plan::parse(request, kind).map(Self::Inverse)
             }
+            Kind::ExcitationQuality => excitation::quality::Plan::parse(request).map(Self::ExcitationQuality),
+            Kind::CompensatorDesign => excitation::compensator::Plan::parse(request).map(Self::CompensatorDesign),
         }
     }
 
@@ -58,6 +64,8 @@ impl Plan {
             Self::Ssid(_) | Self::SsidMimo(_) => Kind::Ssid,
             Self::TwoStimulus(_) => Kind::TwoStimulus,
             Self::Inverse(plan) => plan.kind(),
+            Self::ExcitationQuality(_) => Kind::ExcitationQuality,
+            Self::CompensatorDesign(_) => Kind::CompensatorDesign,
         }
     }
 
@@ -70,6 +78,8 @@ impl Plan {
             Self::TwoStimulus(plan) => plan.references(),
             Self::Inverse(plan) => plan.references(),
             Self::SsidMimo(plan) => plan.references(),
+            Self::ExcitationQuality(plan) => plan.references(),
+            Self::CompensatorDesign(plan) => plan.references(),
         }
     }
 
@@ -82,6 +92,8 @@ impl Plan {
             Self::TwoStimulus(plan) => plan.request(),
             Self::Inverse(plan) => plan.request(),
             Self::SsidMimo(plan) => plan.request(),
+            Self::ExcitationQuality(plan) => plan.request(),
+            Self::CompensatorDesign(plan) => plan.request(),
         }
     }
 
@@ -98,6 +110,8 @@ impl Plan {
             Self::TwoStimulus(plan) => plan.run(library, ctl),
             Self::Inverse(plan) => plan.run(library, ctl),
             Self::SsidMimo(plan) => plan.run(library, ctl),
+            Self::ExcitationQuality(plan) => plan.run(library, ctl),
+            Self::CompensatorDesign(plan) => plan.run(library, ctl),
         }
     }
 }

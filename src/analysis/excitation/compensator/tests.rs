@@ -1,0 +1,1 @@
+//! Requests that are refused, and what they name.
