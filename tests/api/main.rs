@@ -5,6 +5,7 @@ mod analyses;
 mod bad_input;
 mod conditional;
 mod events;
+mod excitation;
 mod harness;
 mod inverse;
 mod learning;

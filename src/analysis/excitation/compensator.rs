@@ -214,6 +214,3 @@ fn warn(found: &Found, judged: &Judged, baseline: Option<&Judged>, warnings: &mu
         warnings.push(Warning::new("proportional_is_as_good", message));
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -6,6 +6,7 @@ pub mod compensator;
 pub mod plant;
 mod problems;
 pub mod quality;
+pub mod samples;
 pub mod signal;
 
 use super::problem::{Code, Problem};

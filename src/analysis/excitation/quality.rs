@@ -6,7 +6,7 @@
 //!             "plant": {"mass_kg": 10, "damping_ns_per_m": 50}, "controller": {"num": [9000], "den": [1]}},
 //!  "spec": {"band_hz": [5, 10], "limits": {"force": 20000}}}
 //! ```
-//! A plant alone is driven by the signal; with a controller the signal is the position asked for of their loop. The methods are those of
+//! `{"trial": ID}` stands for `{"signal": {"trial": ID, "channel": "r", "to": "y"}}`. A plant alone is driven by the signal; with a controller the signal is the position asked for of their loop. The methods are those of
 //! [`excite`](crate::excite).
 
 mod result;
@@ -65,9 +65,22 @@ impl Plan {
     /// A [`Problem`] with the JSON pointer of what is wrong.
     pub fn parse(request: &Request) -> Result<Self, Problem> {
         let inputs = members(&request.inputs, "the inputs", "/inputs")?;
-        only(inputs, &["signal", "plant", "controller"], "/inputs")?;
-        let missing = || Problem::new(Code::Invalid, "unusable inputs", "there is no signal").at("/inputs/signal");
-        let signal = SignalInput::parse(inputs.get("signal").ok_or_else(missing)?, "/inputs/signal")?;
+        let signal = match (inputs.get("signal"), inputs.get("trial")) {
+            // The form in which one analysis is asked for of every trial of a study.
+            (None, Some(trial)) => {
+                only(inputs, &["trial"], "/inputs")?;
+                SignalInput::parse(&json!({"trial": trial, "channel": "r", "to": "y"}), "/inputs")?
+            }
+            (Some(signal), _) => {
+                only(inputs, &["signal", "plant", "controller"], "/inputs")?;
+                SignalInput::parse(signal, "/inputs/signal")?
+            }
+            (None, None) => {
+                return Err(Problem::new(Code::Invalid, "unusable inputs", "there is no signal")
+                    .at("/inputs/signal")
+                    .mend("Give a generator, a trial or samples as the signal."));
+            }
+        };
         let present = |name: &str| inputs.get(name).filter(|value| !value.is_null());
         let plant = present("plant").map(|value| PlantInput::parse(value, "/inputs/plant")).transpose()?;
         let controller = match present("controller") {

@@ -270,6 +270,21 @@ impl SignalInput {
     /// [`Failure`]: a stored trial that is gone, a column that it does not have, an excerpt outside the record, a period that is no whole
     /// number of samples, or having been stopped.
     pub fn resolve(&self, library: &Library, at: &str, ctl: &Ctl) -> Result<Signal, Failure> {
+        let signal = self.resolved(library, at, ctl)?;
+        // Squares of squares of these are still finite numbers.
+        let of_moderate_size = |values: &[f64]| {
+            let peak = values.iter().fold(0.0_f64, |peak, x| peak.max(x.abs()));
+            peak == 0.0 || (1e-60..=1e60).contains(&peak)
+        };
+        if of_moderate_size(&signal.values) && signal.answer.as_deref().is_none_or(of_moderate_size) {
+            return Ok(signal);
+        }
+        Err(wrong("the signal's peak is not between 1e-60 and 1e60", at)
+            .mend("Choose units in which the numbers are of moderate size.")
+            .into())
+    }
+
+    fn resolved(&self, library: &Library, at: &str, ctl: &Ctl) -> Result<Signal, Failure> {
         match self {
             Self::Sequence(sequence) => {
                 let made = sequence.sample(ctl).map_err(|error| problems::sequence(&error, at))?;

@@ -162,8 +162,11 @@ pub fn search(design: &Design, region: &SearchBox, limits: &DesignLimits, ctl: &
         .clone()
         .into_par_iter()
         .map(|column| {
-            ctl.check()?;
-            let values = gains.iter().map(|gain| value(&at(*gain, &column))).collect();
+            let mut values = Vec::with_capacity(gains.len());
+            for gain in &gains {
+                ctl.check()?;
+                values.push(value(&at(*gain, &column)));
+            }
             ctl.advance(1);
             Ok(values)
         })

@@ -10,11 +10,12 @@ use utoipa::ToSchema;
 
 /// A chirp of a published study.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
 pub enum ChirpPreset {
     /// [`commands::chirp80_at`]: 80 s, up from 0.1 Hz and down again with shrinking and growing amplitude.
+    #[serde(rename = "zhang2015_section_3_2")]
     Zhang2015Section32,
-    /// [`commands::chirp60_at`]: 60 s, `2 sin(π t²/120)`, from 0 to 0.5 Hz.
+    /// [`commands::chirp60_at`]: 60 s, `2 sin(π t²/120)`, from 0 to 0.5 Hz (it is at t/120 Hz).
+    #[serde(rename = "zhang2015_section_5_2")]
     Zhang2015Section52,
 }
 

@@ -1,1 +1,0 @@
-//! Requests that are refused, and what they name.
