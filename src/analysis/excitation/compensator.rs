@@ -20,7 +20,8 @@ use crate::analysis::plan::Failure;
 use crate::analysis::problem::{Code, Problem};
 use crate::analysis::report::{Report, Warning};
 use crate::control::Discrete;
-use crate::excite::compensator::{Design, DesignError, Found, Judged, SearchBox, search, sweep};
+use crate::excite::compensator::{Design, DesignError, DesignLimits, Found, Judged, SearchBox, search, sweep};
+use crate::excite::path::SampledPlant;
 use crate::excite::spectrum::Spectrum;
 use crate::num::Ctl;
 pub use result::{BaselineResult, CompensatorDesignResult, CurveResult, EdgeResult, RunnerUpResult, SearchResult};
@@ -32,6 +33,8 @@ use std::collections::BTreeMap;
 const RESULT_VERSION: u32 = 1;
 /// A share of agreeing climbs below which the answer deserves a warning.
 const AGREEMENT: f64 = 0.25;
+/// How much farther than the proportional loop a person's force may push the device without a warning.
+const WEAK: f64 = 1.5;
 /// A gain in flatness below this is none.
 const BETTER: f64 = 1e-6;
 
@@ -92,15 +95,17 @@ impl Plan {
             ("/inputs/signal".to_owned(), signal.sha256.clone()),
             ("/inputs/plant".to_owned(), sha256),
         ]);
-        let design = self.design(&signal, plant, ctl)?;
+        let (design, spacing_hz) = self.design(&signal, plant, ctl)?;
+        let mut limits = self.spec.limits;
+        limits.decay_per_s = Some(limits.decay_per_s.unwrap_or(std::f64::consts::PI * spacing_hz));
+        let limits = &limits;
         let region = self.region(&design, time)?;
         let mut warnings = Vec::new();
 
-        let found = search(&design, &region, &self.spec.limits, ctl).map_err(|error| problems::design(&error))?;
-        let judged = design
-            .judge(&found.compensator, &self.spec.limits)
-            .map_err(|error| problems::design(&DesignError::Path(error)))?;
-        let baseline = if region.corners.is_some() { self.baseline(&design, &region, ctl)? } else { None };
+        let found = search(&design, &region, limits, ctl).map_err(|error| problems::design(&error))?;
+        let judged =
+            design.judge(&found.compensator, limits).map_err(|error| problems::design(&DesignError::Path(error)))?;
+        let baseline = if region.corners.is_some() { self.baseline(&design, &region, limits, ctl)? } else { None };
         let mut curves = Vec::new();
         if let Some(asked) = &self.spec.sweep {
             ctl.set_total(asked.zero_hz.len().max(1) as u64);
@@ -116,15 +121,23 @@ impl Plan {
             }
         }
         warn(&found, &judged, baseline.as_ref(), &mut warnings);
-        let result =
-            CompensatorDesignResult::new(self.spec.band_hz, &design, &found, &judged, baseline.as_ref(), curves)
-                .map_err(|error| problems::design(&DesignError::Path(error)))?;
+        let result = CompensatorDesignResult::new(
+            self.spec.band_hz,
+            limits,
+            &design,
+            &found,
+            &judged,
+            baseline.as_ref(),
+            curves,
+        )
+        .map_err(|error| problems::design(&DesignError::Path(error)))?;
         let spec = json!(self.spec);
         let seed = self.signal.seed();
         Ok(Report::new(Kind::CompensatorDesign, RESULT_VERSION, json!(result), warnings, spec, hashes, seed))
     }
 
-    fn design(&self, signal: &Signal, plant: crate::excite::path::SampledPlant, ctl: &Ctl) -> Result<Design, Failure> {
+    /// The loop, and the least distance of neighbouring lines in the band.
+    fn design(&self, signal: &Signal, plant: SampledPlant, ctl: &Ctl) -> Result<(Design, f64), Failure> {
         let (record, samples) = signal.periods();
         let spectrum = Spectrum::new(record, samples, signal.sample_time_s, ctl)?;
         let lines = signal.harmonics.clone().unwrap_or_else(|| spectrum.excited(self.spec.power_threshold));
@@ -137,7 +150,8 @@ impl Plan {
             Some(n) if signal.values.len() < 2 * n => [&signal.values[..n], &signal.values[..n]].concat(),
             _ => signal.values.clone(),
         };
-        Ok(Design::new(plant, &omegas, &powers, reference))
+        let gap = inside.windows(2).map(|pair| pair[1] - pair[0]).min().unwrap_or(1);
+        Ok((Design::new(plant, &omegas, &powers, reference), gap as f64 * spectrum.spacing_hz()))
     }
 
     /// Where is searched: what is fixed, what has a range, and the rest by default.
@@ -170,11 +184,17 @@ impl Plan {
     }
 
     /// The best proportional control under the same limits; `None` where there is none.
-    fn baseline(&self, design: &Design, region: &SearchBox, ctl: &Ctl) -> Result<Option<Judged>, Failure> {
+    fn baseline(
+        &self,
+        design: &Design,
+        region: &SearchBox,
+        limits: &DesignLimits,
+        ctl: &Ctl,
+    ) -> Result<Option<Judged>, Failure> {
         let alone = SearchBox { gain: region.gain, corners: None, zero_below_pole: false };
-        match search(design, &alone, &self.spec.limits, ctl) {
+        match search(design, &alone, limits, ctl) {
             Ok(found) => {
-                let judged = design.judge(&found.compensator, &self.spec.limits);
+                let judged = design.judge(&found.compensator, limits);
                 judged.map(Some).map_err(|error| problems::design(&DesignError::Path(error)))
             }
             Err(DesignError::NothingStable { .. } | DesignError::Limits { .. }) => Ok(None),
@@ -203,6 +223,17 @@ fn warn(found: &Found, judged: &Judged, baseline: Option<&Judged>, warnings: &mu
     if judged.blsfg <= 1.0 {
         let message = format!("the loop makes the spectrum less flat: its flatness gain is {:.4}", judged.blsfg);
         warnings.push(Warning::new("no_gain_in_flatness", message));
+    }
+    if let Some(baseline) = baseline
+        && judged.disturbance.value > WEAK * baseline.disturbance.value
+    {
+        let message = format!(
+            "a person's force pushes this loop aside by up to {:.3e} per unit of force, {:.1} times as far as the best proportional loop: \
+             limit disturbance_norm if that matters",
+            judged.disturbance.value,
+            judged.disturbance.value / baseline.disturbance.value
+        );
+        warnings.push(Warning::new("weak_against_disturbance", message));
     }
     if let Some(baseline) = baseline
         && judged.blsfg <= baseline.blsfg * (1.0 + BETTER)

@@ -150,6 +150,9 @@ impl Plan {
         let path = self.path(library, &signal, &mut hashes)?;
         let answer = self.answer(&signal, &spectrum, path.as_ref(), ctl)?;
         let flatness = self.flatness(&spectrum, answer.as_ref(), &lines, &mut warnings)?;
+        if let Some(path) = &path {
+            warnings.extend(slow_decay(path, &lines, spectrum.spacing_hz()));
+        }
         step()?;
         let autocorrelation = autocorrelation(&signal);
         let predictability = self.predictability(&signal)?;
@@ -383,7 +386,7 @@ fn autocorrelation(signal: &Signal) -> AutocorrelationResult {
     let values: Vec<f64> = values.iter().map(|r| r / scale).collect();
     // Its likeness to itself a moment ago is no repetition.
     let own = values.iter().position(|r| *r < FORGOTTEN).unwrap_or(values.len());
-    let sidelobe = (own..values.len().saturating_sub(1)).max_by(|a, b| values[*a].abs().total_cmp(&values[*b].abs()));
+    let sidelobe = (own..values.len()).max_by(|a, b| values[*a].abs().total_cmp(&values[*b].abs()));
     let chip = signal.chip_s.map_or(1, |chip_s| ((chip_s / signal.sample_time_s).round() as usize).max(1));
     let step = chip.max(1);
     let shown: Vec<usize> = (0..values.len()).step_by(step).take(LAGS).collect();
@@ -396,6 +399,33 @@ fn autocorrelation(signal: &Signal) -> AutocorrelationResult {
     }
 }
 
+/// A warning where a mode decays so slowly that its resonance fits between two lines, which then say nothing about it.
+fn slow_decay(path: &Path, lines: &[usize], spacing_hz: f64) -> Option<Warning> {
+    let gap = lines.windows(2).map(|pair| pair[1] - pair[0]).min()?;
+    let time = path.plant().time();
+    let radius = poles(path).iter().map(|z| z.norm()).fold(0.0, f64::max);
+    let decay = -radius.ln() / time.period_s();
+    let needed = std::f64::consts::PI * gap as f64 * spacing_hz;
+    (decay < needed).then(|| {
+        Warning::new(
+            "slow_decay",
+            format!(
+                "the slowest mode decays with {decay:.3e} per second: its resonance is narrower than the distance of the lines, and has not \
+                 settled within a period (both would take {needed:.3e} per second)"
+            ),
+        )
+    })
+}
+
+/// The poles in z.
+fn poles(path: &Path) -> Vec<crate::num::Complex64> {
+    let found = match path.loop_() {
+        Some(closed) => closed.poles(),
+        None => path.plant().sampled().poles(),
+    };
+    found.unwrap_or_default()
+}
+
 fn path_result(path: &Path) -> PathResult {
     use crate::control::TimeBase as _;
     let time = path.plant().time();
@@ -404,11 +434,6 @@ fn path_result(path: &Path) -> PathResult {
     let resonance = crate::excite::peak::resonance(|w| path.response(w).norm(), nyquist, &hints);
     let disturbance = path.loop_().map(|closed| supremum(|w| closed.disturbance_to_output(w).norm(), nyquist, &hints));
     let hz = |omega: f64| omega / (2.0 * std::f64::consts::PI);
-    let poles = match path.loop_() {
-        Some(closed) => closed.poles(),
-        None => path.plant().sampled().poles(),
-    };
-    let poles = poles.unwrap_or_default();
     PathResult {
         is_loop: path.loop_().is_some(),
         sample_time_s: time.sample_time_s().unwrap_or_default(),
@@ -416,6 +441,6 @@ fn path_result(path: &Path) -> PathResult {
         resonance_gain: resonance.map(|peak| peak.value),
         disturbance_norm: disturbance.map(|peak| peak.value),
         disturbance_norm_hz: disturbance.map(|peak| hz(peak.at)),
-        spectral_radius: poles.iter().map(|z| z.norm()).fold(0.0, f64::max),
+        spectral_radius: poles(path).iter().map(|z| z.norm()).fold(0.0, f64::max),
     }
 }

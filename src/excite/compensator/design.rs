@@ -72,7 +72,8 @@ pub struct DesignLimits {
     /// ‖S P‖∞, in position per force: how far a person's force may push the device aside.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub disturbance_norm: Option<f64>,
-    /// The slowest decay of the closed loop, 1/s. Default: 0, which is stability alone.
+    /// The slowest decay of the closed loop, 1/s; 0 for stability alone. Default: π times the distance of neighbouring lines in Hz, so that no
+    /// resonance is narrower than that and hides between lines, and the loop settles within a period.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decay_per_s: Option<f64>,
 }
@@ -93,9 +94,9 @@ impl DesignLimits {
     /// The first that is not a positive, finite number, with its name.
     #[must_use]
     pub fn unusable(&self) -> Option<(&'static str, f64)> {
-        let own = [("disturbance_norm", self.disturbance_norm), ("decay_per_s", self.decay_per_s)];
-        let bad =
-            own.into_iter().find_map(|(name, limit)| limit.filter(|l| !(*l > 0.0 && l.is_finite())).map(|l| (name, l)));
+        let norm = self.disturbance_norm.filter(|l| !(*l > 0.0 && l.is_finite())).map(|l| ("disturbance_norm", l));
+        let decay = self.decay_per_s.filter(|l| !(*l >= 0.0 && l.is_finite())).map(|l| ("decay_per_s", l));
+        let bad = norm.or(decay);
         self.motion().unusable().or(bad)
     }
 }
@@ -253,9 +254,9 @@ impl Design {
         })
     }
 
-    /// The peak force over the reference by a filter in plain arithmetic, for comparing many compensators; the answer's own is computed
-    /// by [`Design::motion`].
-    fn quick_force(&self, compensator: &Compensator) -> f64 {
+    /// The peak force over the reference, or the first that exceeds `enough`, by a filter in plain arithmetic, for comparing many
+    /// compensators; the answer's own is computed by [`Design::motion`].
+    fn quick_force(&self, compensator: &Compensator, enough: f64) -> f64 {
         let (num, _) = compensator.coefficients(self.plant.time());
         let closed = self.loop_polynomial(compensator);
         let b = self.plant.sampled().den().mul(&Polynomial::new(num));
@@ -271,38 +272,53 @@ impl Design {
                 state[i] = state[i + 1] + padded[i + 1] * r - a[i + 1] * y;
             }
             peak = peak.max(y.abs());
+            if peak > enough {
+                break;
+            }
         }
         peak
     }
 
+    /// Whether a stable loop keeps all limits.
+    pub(super) fn keeps(&self, compensator: &Compensator, limits: &DesignLimits) -> bool {
+        let decays = limits.decay_per_s.is_none_or(|decay| decay == 0.0 || self.is_stable(compensator, decay));
+        decays
+            && limits.disturbance_norm.is_none_or(|limit| self.disturbance_norm(compensator).value <= limit)
+            && limits.force.is_none_or(|limit| self.quick_force(compensator, limit) <= limit)
+            && self.limited_motion(compensator, limits).iter().all(|(_, reached, limit)| reached <= limit)
+    }
+
     /// Each limited quantity of a stable loop by name: what it reaches, and its limit.
-    pub(super) fn excess(&self, compensator: &Compensator, limits: &DesignLimits) -> Vec<(&'static str, f64, f64)> {
-        let mut found = Vec::new();
+    pub(super) fn reached(&self, compensator: &Compensator, limits: &DesignLimits) -> Vec<(&'static str, f64, f64)> {
+        let mut found = self.limited_motion(compensator, limits);
         if let Some(limit) = limits.disturbance_norm {
             found.push(("disturbance_norm", self.disturbance_norm(compensator).value, limit));
         }
-        let motion = limits.motion();
-        let only_force = motion.position.or(motion.velocity).or(motion.acceleration).or(motion.power).is_none();
-        if only_force {
-            if let Some(limit) = limits.force {
-                found.push(("force", self.quick_force(compensator), limit));
-            }
-        } else if let Ok(summary) = self.path(compensator).and_then(|path| self.motion(&path, &motion)) {
-            let named = [
-                ("position", summary.position),
-                ("velocity", summary.velocity),
-                ("acceleration", summary.acceleration),
-                ("force", summary.force),
-                ("power", summary.power),
-            ];
-            for (name, extent) in named {
-                if let Some((extent, limit)) = extent.and_then(|e| e.limit.map(|limit| (e, limit))) {
-                    found.push((name, extent.peak, limit));
-                }
-            }
-        } else {
-            found.push(("force", f64::INFINITY, 0.0));
+        if let Some(limit) = limits.force {
+            found.push(("force", self.quick_force(compensator, f64::INFINITY), limit));
         }
         found
+    }
+
+    /// Those of the limited quantities for which the motion must be simulated.
+    fn limited_motion(&self, compensator: &Compensator, limits: &DesignLimits) -> Vec<(&'static str, f64, f64)> {
+        let motion = MotionLimits { force: None, ..limits.motion() };
+        if motion.is_empty() {
+            return Vec::new();
+        }
+        let Ok(summary) = self.path(compensator).and_then(|path| self.motion(&path, &motion)) else {
+            return vec![("motion", f64::INFINITY, 0.0)];
+        };
+        let named = [
+            ("position", summary.position),
+            ("velocity", summary.velocity),
+            ("acceleration", summary.acceleration),
+            ("power", summary.power),
+        ];
+        let limited = |(name, extent): (&'static str, Option<crate::excite::motion::Extent>)| {
+            let extent = extent?;
+            Some((name, extent.peak, extent.limit?))
+        };
+        named.into_iter().filter_map(limited).collect()
     }
 }

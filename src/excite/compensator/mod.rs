@@ -8,9 +8,11 @@
 //! The problem is not convex. [`search()`] looks at a grid over the whole box first and climbs from its best local maxima; what it reports
 //! says how many climbs ended in the answer, what the next best one was, and which edges of the box hold the answer.
 
+mod ascent;
 mod climb;
 mod design;
 mod search;
+mod space;
 
 pub use design::{Compensator, Design, DesignLimits, Judged};
 pub use search::{Curve, DesignError, Found, SearchBox, SearchSummary, search, sweep};

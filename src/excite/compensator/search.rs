@@ -1,12 +1,12 @@
 //! The search for the best compensator of a box.
 
-use super::climb::climb;
+use super::ascent::Task;
 use super::design::{Compensator, Design, DesignLimits};
+use super::space::{EDGE, Space};
 use crate::control::bode::log_grid;
 use crate::excite::path::PathError;
-use crate::excite::peak::golden;
 use crate::num::{Ctl, Stopped};
-use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
+use rayon::iter::{IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelIterator as _};
 use std::collections::BTreeMap;
 
 /// Gains on the grid where a zero and a pole are free.
@@ -19,10 +19,10 @@ const CORNERS: usize = 25;
 const CLIMBS: usize = 12;
 /// Answers that differ by less than this share are one.
 const SAME: f64 = 1e-6;
-/// An unknown within this distance (of its logarithm) from an edge is on it.
-const EDGE: f64 = 1e-6;
-/// A climb that ends this near an edge is tried on it.
-const NEAR_EDGE: f64 = 0.05;
+/// Points whose limits are checked at once.
+const BATCH: usize = 256;
+/// Points that are looked at closely where none keeps the limits.
+const LOOKED_AT: usize = 400;
 
 /// Between which values each unknown is looked for; equal ends fix it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,7 +49,7 @@ pub enum DesignError {
     },
     /// Nothing stable in the box keeps the limits.
     #[error(
-        "none of the {stable} stable compensators that were tried keeps the limits; the least that was reached: {reached}"
+        "none of the {stable} stable compensators that were tried keeps the limits together; each by itself reaches at least: {reached}"
     )]
     Limits {
         /// Stable points of the grid.
@@ -90,39 +90,6 @@ pub struct Found {
     pub summary: SearchSummary,
 }
 
-/// A point in the logarithms of the unknowns.
-struct Space {
-    bounds: Vec<[f64; 2]>,
-    corners: bool,
-    zero_below_pole: bool,
-}
-
-impl Space {
-    fn new(region: &SearchBox) -> Self {
-        let logs = |ends: [f64; 2]| ends.map(f64::ln);
-        let mut bounds = vec![logs(region.gain)];
-        if let Some([zero, pole]) = region.corners {
-            bounds.extend([logs(zero), logs(pole)]);
-        }
-        Self { bounds, corners: region.corners.is_some(), zero_below_pole: region.zero_below_pole }
-    }
-
-    fn compensator(&self, x: &[f64]) -> Compensator {
-        if self.corners {
-            // Equal corners are proportional control exactly.
-            let (zero, pole) = (x[1].exp(), if self.zero_below_pole { x[2].max(x[1]) } else { x[2] }.exp());
-            Compensator { gain: x[0].exp(), zero_hz: zero, pole_hz: pole }
-        } else {
-            Compensator::proportional(x[0].exp())
-        }
-    }
-
-    fn axis(&self, i: usize, count: usize) -> Vec<f64> {
-        let [low, high] = self.bounds[i];
-        if high - low < EDGE { vec![low] } else { crate::control::bode::linear_grid(low, high, count) }
-    }
-}
-
 /// The best compensator of a box; deterministic, whatever the number of threads.
 ///
 /// Progress counts columns of the grid, then climbs.
@@ -131,18 +98,7 @@ impl Space {
 /// [`DesignError`].
 pub fn search(design: &Design, region: &SearchBox, limits: &DesignLimits, ctl: &Ctl) -> Result<Found, DesignError> {
     let space = Space::new(region);
-    let decay = limits.decay_per_s.unwrap_or(0.0);
-    let value = |x: &[f64]| -> f64 {
-        let compensator = space.compensator(x);
-        if !design.is_stable(&compensator, decay) {
-            return f64::NEG_INFINITY;
-        }
-        let blsfg = design.blsfg(&compensator);
-        if blsfg.is_finite() { blsfg } else { f64::NEG_INFINITY }
-    };
-    let keeps =
-        |x: &[f64]| design.excess(&space.compensator(x), limits).iter().all(|(_, reached, limit)| reached <= limit);
-
+    let value = |x: &[f64]| value(design, &space.compensator(x));
     // The grid: a column of gains for every zero and pole.
     let gains = space.axis(0, if space.corners { GAINS } else { GAINS_ALONE });
     let columns: Vec<Vec<f64>> = if space.corners {
@@ -176,40 +132,34 @@ pub fn search(design: &Design, region: &SearchBox, limits: &DesignLimits, ctl: &
     if stable == 0 {
         return Err(DesignError::NothingStable { points });
     }
-    let starts = starts(design, &space, &gains, &columns, &grid, limits, stable, ctl)?;
+    let task = Task { design, space: &space, limits, ctl };
+    let starts = starts(&task, &gains, &columns, &grid, stable)?;
     let spacing: Vec<f64> = (0..space.bounds.len())
         .map(|i| {
             let count = if i > 0 { CORNERS } else { gains.len() };
             (space.bounds[i][1] - space.bounds[i][0]) / count as f64
         })
         .collect();
-    let limited = !limits.motion().is_empty() || limits.disturbance_norm.is_some();
-    let mut best: Option<(Vec<f64>, f64)> = None;
-    let mut ends: Vec<(Vec<f64>, f64)> = Vec::new();
     ctl.advance((CLIMBS - starts.len()) as u64);
-    for start in &starts {
-        let mut stopped = None;
-        let mut f = |x: &[f64]| {
-            if let Err(reason) = ctl.check() {
-                stopped = Some(reason);
-            }
-            if stopped.is_some() {
-                return f64::NEG_INFINITY;
-            }
-            let reached = value(x);
-            if limited && reached.is_finite() && !keeps(x) { f64::NEG_INFINITY } else { reached }
-        };
-        let end = ascend(&mut f, start, &spacing, &space.bounds);
-        if let Some(reason) = stopped {
-            return Err(reason.into());
-        }
-        if best.as_ref().is_none_or(|(_, value)| end.1 > *value) {
-            best = Some(end.clone());
-        }
-        ends.push(end);
-        ctl.advance(1);
-    }
-    let Some((x, blsfg)) = best else {
+    let climbed: Vec<(Vec<f64>, f64)> = starts
+        .into_par_iter()
+        .map(|start| {
+            let end = if task.is_limited() {
+                task.climb_along_limits(&start, &spacing)
+            } else {
+                task.climb(&start, &spacing)
+            };
+            ctl.advance(1);
+            end
+        })
+        .collect::<Result<_, Stopped>>()?;
+    let ends: Vec<(Vec<f64>, f64)> = climbed.into_iter().filter(|(_, value)| value.is_finite()).collect();
+    // Ties go to the first.
+    let best = ends.iter().fold(None, |best: Option<&(Vec<f64>, f64)>, end| match best {
+        Some(best) if best.1 >= end.1 => Some(best),
+        _ => Some(end),
+    });
+    let Some((x, blsfg)) = best.cloned() else {
         return Err(DesignError::NothingStable { points });
     };
     let agrees = |end: &(Vec<f64>, f64)| (end.1 - blsfg).abs() <= SAME * blsfg;
@@ -222,167 +172,92 @@ pub fn search(design: &Design, region: &SearchBox, limits: &DesignLimits, ctl: &
     let summary = SearchSummary {
         points,
         stable,
-        climbs: starts.len(),
+        climbs: ends.len(),
         agreeing: ends.iter().filter(|end| agrees(end)).count(),
         runner_up,
-        edges: edges(&space, &x),
+        edges: space.edges(&x),
     };
     Ok(Found { compensator, blsfg, summary })
 }
 
-/// A climb in some of the unknowns, the others held; `x` and `value` move where it gains.
-fn climb_among(
-    f: &mut impl FnMut(&[f64]) -> f64,
-    unknowns: &[usize],
-    (x, value): (&mut Vec<f64>, &mut f64),
-    spacing: &[f64],
-    bounds: &[[f64; 2]],
-) {
-    if unknowns.is_empty() {
-        return;
+/// SFG_xr of a stable loop, and −∞ of any other.
+pub(super) fn value(design: &Design, compensator: &Compensator) -> f64 {
+    if !design.is_stable(compensator, 0.0) {
+        return f64::NEG_INFINITY;
     }
-    let pick = |all: &[f64]| unknowns.iter().map(|i| all[*i]).collect::<Vec<f64>>();
-    let mut whole = x.clone();
-    let mut part = |y: &[f64]| {
-        for (i, y) in unknowns.iter().zip(y) {
-            whole[*i] = *y;
-        }
-        f(&whole)
-    };
-    let inside: Vec<[f64; 2]> = unknowns.iter().map(|i| bounds[*i]).collect();
-    let (found, reached) = climb(&mut part, &pick(x), &pick(spacing), &inside);
-    if reached > *value {
-        for (i, y) in unknowns.iter().zip(found) {
-            x[*i] = y;
-        }
-        *value = reached;
-    }
+    let blsfg = design.blsfg(compensator);
+    if blsfg.is_finite() { blsfg } else { f64::NEG_INFINITY }
 }
 
-/// A climb in all unknowns, then along the edges where it ended, then in the gain alone.
-fn ascend(f: &mut impl FnMut(&[f64]) -> f64, start: &[f64], spacing: &[f64], bounds: &[[f64; 2]]) -> (Vec<f64>, f64) {
-    let free: Vec<usize> = (0..bounds.len()).filter(|i| bounds[*i][1] - bounds[*i][0] > EDGE).collect();
-    let (mut x, mut value) = (start.to_vec(), f(start));
-    climb_among(f, &free, (&mut x, &mut value), spacing, bounds);
-    let mut inner = Vec::new();
-    for i in free.iter().copied() {
-        let [low, high] = bounds[i];
-        if (x[i] - low).min(high - x[i]) > NEAR_EDGE {
-            inner.push(i);
-            continue;
-        }
-        let mut moved = x.clone();
-        moved[i] = if x[i] - low <= NEAR_EDGE { low } else { high };
-        let reached = f(&moved);
-        if reached > value {
-            (x, value) = (moved, reached);
-        }
-    }
-    if inner.len() < free.len() {
-        climb_among(f, &inner, (&mut x, &mut value), spacing, bounds);
-    }
-    // The maximum over the gain is flat: a last golden section settles its place.
-    if free.contains(&0) {
-        let reach = spacing[0].min(0.05);
-        let [low, high] = bounds[0];
-        let mut along = |gain: f64| {
-            let mut moved = x.clone();
-            moved[0] = gain;
-            f(&moved)
-        };
-        let peak = golden(&mut along, (x[0] - reach).max(low), (x[0] + reach).min(high));
-        if peak.value > value {
-            x[0] = peak.at;
-            value = peak.value;
-        }
-    }
-    (x, value)
-}
-
-/// Local maxima of the grid along the gain that keep the limits, best first and from different places.
-#[expect(clippy::too_many_arguments, reason = "one call, of what the search has at hand")]
+/// Local maxima of the grid that keep the limits, best first and from different places.
 fn starts(
-    design: &Design,
-    space: &Space,
+    task: &Task,
     gains: &[f64],
     columns: &[Vec<f64>],
     grid: &[Vec<f64>],
-    limits: &DesignLimits,
     stable: usize,
-    ctl: &Ctl,
 ) -> Result<Vec<Vec<f64>>, DesignError> {
-    let limited = !limits.motion().is_empty() || limits.disturbance_norm.is_some();
+    let bounds = &task.space.bounds;
     let mut order: Vec<(usize, usize)> = Vec::new();
     for (c, values) in grid.iter().enumerate() {
         for (g, value) in values.iter().enumerate() {
             let around = [g.checked_sub(1), (g + 1 < values.len()).then_some(g + 1)];
             let is_top = around.into_iter().flatten().all(|other| values[other] <= *value);
             // Limits may cut off every top, so that any point can be the best one that keeps them.
-            if value.is_finite() && (limited || is_top) {
+            if value.is_finite() && (task.is_limited() || is_top) {
                 order.push((c, g));
             }
         }
     }
     // Ties go to the first.
     order.sort_by(|a, b| grid[b.0][b.1].total_cmp(&grid[a.0][a.1]).then(a.cmp(b)));
-    let mut chosen: Vec<Vec<f64>> = Vec::new();
-    let mut least: BTreeMap<&'static str, (f64, f64)> = BTreeMap::new();
+    let points: Vec<Vec<f64>> =
+        order.into_iter().map(|(c, g)| std::iter::once(gains[g]).chain(columns[c].iter().copied()).collect()).collect();
     let apart = |x: &[f64], y: &[f64]| {
         (0..x.len()).any(|i| {
             let count = if i > 0 { CORNERS } else { gains.len().min(GAINS) };
-            (x[i] - y[i]).abs() > 1.5 * (space.bounds[i][1] - space.bounds[i][0]) / count as f64
+            (x[i] - y[i]).abs() > 1.5 * (bounds[i][1] - bounds[i][0]) / count as f64
         })
     };
-    for (c, g) in order {
-        ctl.check()?;
-        let x: Vec<f64> = std::iter::once(gains[g]).chain(columns[c].iter().copied()).collect();
-        if chosen.iter().any(|y| !apart(&x, y)) {
-            continue;
-        }
-        if limited {
-            let found = design.excess(&space.compensator(&x), limits);
-            let kept = found.iter().all(|(_, reached, limit)| reached <= limit);
-            for (name, reached, limit) in found {
-                let entry = least.entry(name).or_insert((f64::INFINITY, limit));
-                entry.0 = entry.0.min(reached);
-            }
-            if !kept {
-                continue;
+    let mut chosen: Vec<Vec<f64>> = Vec::new();
+    for batch in points.chunks(BATCH) {
+        task.ctl.check()?;
+        let wanted: Vec<&Vec<f64>> = batch.iter().filter(|x| chosen.iter().all(|y| apart(x, y))).collect();
+        let kept: Vec<bool> = wanted.par_iter().map(|x| task.keeps(x)).collect();
+        for (x, _) in wanted.into_iter().zip(kept).filter(|(_, kept)| *kept) {
+            if chosen.len() < CLIMBS && chosen.iter().all(|y| apart(x, y)) {
+                chosen.push(x.clone());
             }
         }
-        chosen.push(x);
         if chosen.len() == CLIMBS {
             break;
         }
     }
     if chosen.is_empty() {
-        let reached = least
-            .iter()
-            .map(|(name, (least, limit))| format!("{name} {least:.6} where the limit is {limit}"))
-            .collect::<Vec<_>>()
-            .join(", ");
-        return Err(DesignError::Limits { stable, reached });
+        return Err(DesignError::Limits { stable, reached: least_reached(task, &points)? });
     }
     Ok(chosen)
 }
 
-fn edges(space: &Space, x: &[f64]) -> Vec<(&'static str, &'static str)> {
-    let mut edges = Vec::new();
-    for (i, name) in ["gain", "zero_hz", "pole_hz"].into_iter().enumerate().take(space.bounds.len()) {
-        let [low, high] = space.bounds[i];
-        if high - low < EDGE {
-            continue;
-        }
-        if x[i] - low < EDGE {
-            edges.push((name, "lower"));
-        } else if high - x[i] < EDGE {
-            edges.push((name, "upper"));
-        }
+/// The least of each limited quantity over some of the stable points, in words.
+fn least_reached(task: &Task, points: &[Vec<f64>]) -> Result<String, Stopped> {
+    let some: Vec<&Vec<f64>> = points.iter().step_by(points.len().div_ceil(LOOKED_AT)).collect();
+    let found: Vec<Vec<(&'static str, f64, f64)>> = some
+        .into_par_iter()
+        .map(|x| {
+            task.ctl.check()?;
+            Ok(task.design.reached(&task.space.compensator(x), task.limits))
+        })
+        .collect::<Result<_, Stopped>>()?;
+    let mut least: BTreeMap<&'static str, (f64, f64)> = BTreeMap::new();
+    for (name, reached, limit) in found.into_iter().flatten() {
+        let entry = least.entry(name).or_insert((f64::INFINITY, limit));
+        entry.0 = entry.0.min(reached);
     }
-    if space.corners && space.zero_below_pole && x[2] - x[1] < EDGE {
-        edges.push(("zero_below_pole", "equal"));
-    }
-    edges
+    let mut words: Vec<String> =
+        least.iter().map(|(name, (least, limit))| format!("{name} {least:.4e} where the limit is {limit}")).collect();
+    words.extend(task.limits.decay_per_s.map(|decay| format!("every pole must decay at {decay} per second")));
+    Ok(words.join(", "))
 }
 
 /// SFG_xr and what goes with it over a range of gains, for one zero and pole (Qiu 2021, figure 5).

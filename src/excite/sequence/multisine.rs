@@ -17,7 +17,7 @@ use utoipa::ToSchema;
 /// Lines of a multisine at most.
 const MAX_LINES: usize = 1_000;
 /// The largest multiple of the base line.
-const MAX_HARMONIC: u64 = 500_000;
+const MAX_HARMONIC: u64 = 100_000;
 /// Points per shortest wave on which a peak is looked for.
 const OVERSAMPLING: usize = 16;
 /// Random starts of the crest's optimisation, beside Schroeder's phases.

@@ -1,7 +1,7 @@
 //! What the question is answered with.
 
 use crate::control::model::TransferFunctionModel;
-use crate::excite::compensator::{Compensator, Curve, Design, Found, Judged};
+use crate::excite::compensator::{Compensator, Curve, Design, DesignLimits, Found, Judged};
 use crate::excite::flatness::Band;
 use crate::excite::motion::MotionSummary;
 use crate::excite::path::PathError;
@@ -128,6 +128,10 @@ pub struct CompensatorDesignResult {
     pub poles: Vec<[f64; 2]>,
     /// The largest magnitude of a pole; that it is below 1 was proven by Jury's test, with rounding bounded.
     pub spectral_radius: f64,
+    /// The decay of the slowest pole, 1/s.
+    pub slowest_decay_per_s: f64,
+    /// The decay that was asked of every pole, or taken by default.
+    pub required_decay_per_s: f64,
     /// The controller in z.
     pub controller: TransferFunctionModel,
     /// From reference to position in z.
@@ -154,6 +158,7 @@ fn corners(compensator: &Compensator) -> Option<[f64; 2]> {
 impl CompensatorDesignResult {
     pub(super) fn new(
         band_hz: Band,
+        limits: &DesignLimits,
         design: &Design,
         found: &Found,
         judged: &Judged,
@@ -192,6 +197,13 @@ impl CompensatorDesignResult {
             damping_ratio: judged.oscillation.map(|pair| pair[1]),
             poles: judged.poles.iter().map(|z| [z.re, z.im]).collect(),
             spectral_radius: judged.poles.iter().map(|z| z.norm()).fold(0.0, f64::max),
+            slowest_decay_per_s: judged
+                .poles
+                .iter()
+                .map(|z| -z.norm().ln() / design.plant().time().period_s())
+                .fold(f64::INFINITY, f64::min)
+                .min(f64::MAX),
+            required_decay_per_s: limits.decay_per_s.unwrap_or(0.0),
             closed_loop: closed.as_ref().map_or_else(|| (&controller).into(), Into::into),
             controller: (&controller).into(),
             motion: judged.motion.clone(),
