@@ -123,7 +123,7 @@ pub fn flatness(powers: impl Iterator<Item = f64> + Clone) -> f64 {
 pub struct BandFlatness {
     /// γ²(band).
     pub sfm: f64,
-    /// Power in the band over power of the whole signal without 0 Hz.
+    /// Power of the lines up to the band's upper end over power of the whole signal without 0 Hz.
     pub energy_fraction: f64,
     /// Lines in the band.
     pub lines: usize,
@@ -149,7 +149,10 @@ pub fn band_flatness(spectrum: &Spectrum, lines: &[usize], band: Option<Band>) -
     };
     let power = |n: &usize| spectrum.power[*n];
     let whole: f64 = (1..spectrum.power.len()).map(|n| spectrum.share(n)).sum();
-    let part: f64 = inside.iter().map(|n| spectrum.share(*n)).sum();
+    // The line past the end of the band is not within it.
+    let end = band.map_or(f64::INFINITY, |band| band.ends()[1] * (1.0 + SAME));
+    let within = |n: &&usize| **n as f64 * spectrum.spacing_hz() <= end;
+    let part: f64 = inside.iter().filter(within).map(|n| spectrum.share(*n)).sum();
     Ok(BandFlatness {
         sfm: flatness(inside.iter().map(power)),
         energy_fraction: if whole > 0.0 { part / whole } else { 0.0 },

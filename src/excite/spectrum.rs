@@ -6,6 +6,9 @@ use crate::num::{Complex64, Ctl, Stopped};
 /// A line counts as excited by chance with this probability at most, over all lines together.
 const FALSE_ALARM: f64 = 0.01;
 
+/// Powers below this share of the largest, 0 Hz included, are rounding of the transform.
+const ROUNDING: f64 = 1e-26;
+
 /// The spectrum of a periodic signal from one or more whole periods of N samples: lines `n/(N T)`, n = 0 … ⌊N/2⌋.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spectrum {
@@ -86,7 +89,8 @@ impl Spectrum {
     #[must_use]
     pub fn excited(&self, threshold: f64) -> Vec<usize> {
         let lines = self.all_lines();
-        let least = threshold * lines.iter().map(|n| self.power[*n]).fold(0.0, f64::max);
+        let rounding = ROUNDING * self.power.iter().copied().fold(0.0, f64::max);
+        let least = (threshold * lines.iter().map(|n| self.power[*n]).fold(0.0, f64::max)).max(rounding);
         if !(least > 0.0) {
             return Vec::new();
         }

@@ -13,7 +13,7 @@ const REACH: f64 = 0.4;
 /// Steps outwards, each this factor longer, in which a gain that keeps the limits is looked for.
 const OUTWARD: (usize, f64, f64) = (16, 0.004, 1.6);
 /// Halvings between a gain that breaks a limit and one that keeps it.
-const HALVINGS: usize = 34;
+const HALVINGS: usize = 26;
 
 /// What is climbed.
 pub(super) struct Task<'a> {

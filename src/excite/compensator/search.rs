@@ -16,7 +16,7 @@ const GAINS_ALONE: usize = 801;
 /// Zeros and poles on the grid.
 const CORNERS: usize = 25;
 /// Local maxima of the grid that are climbed from.
-const CLIMBS: usize = 12;
+const CLIMBS: usize = 8;
 /// Answers that differ by less than this share are one.
 const SAME: f64 = 1e-6;
 /// Points whose limits are checked at once.
