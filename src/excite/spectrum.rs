@@ -91,7 +91,8 @@ impl Spectrum {
         let lines = self.all_lines();
         let rounding = ROUNDING * self.power.iter().copied().fold(0.0, f64::max);
         let least = (threshold * lines.iter().map(|n| self.power[*n]).fold(0.0, f64::max)).max(rounding);
-        if !(least > 0.0) {
+        let has_power = least > 0.0;
+        if !has_power {
             return Vec::new();
         }
         let degrees = self.periods as f64 - 1.0;

@@ -94,7 +94,7 @@ impl Chirp {
                 return Err(SequenceError::AboveNyquist { field, frequency_hz: value, nyquist_hz });
             }
         }
-        if !(self.phase_rad.abs() <= 1e6) {
+        if !(-1e6..=1e6).contains(&self.phase_rad) {
             let (field, value) = ("generator/phase_rad", self.phase_rad);
             return Err(SequenceError::OutOfRange { field, value, least: -1e6, most: 1e6 });
         }

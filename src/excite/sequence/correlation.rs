@@ -51,7 +51,8 @@ pub fn autocorrelation(record: &[f64], lags: usize) -> Vec<f64> {
 /// If there are too few lags, which is a mistake of the caller.
 pub fn predictability(around: &[f64], horizon: usize, spacing: usize) -> Result<f64, NoConvergence> {
     assert!(around.len() > lags_needed(horizon, spacing) - 1, "{} lags of an autocorrelation", around.len());
-    if !(around[0] > 0.0) {
+    let has_power = around[0] > 0.0;
+    if !has_power {
         return Ok(0.0);
     }
     let gram = DMatrix::from_fn(TAPS, TAPS, |i, j| around[i.abs_diff(j) * spacing] / around[0]);

@@ -165,7 +165,7 @@ impl Multisine {
                 let (found, expected) = (phases.len(), lines.len());
                 return Err(SequenceError::Entries { field: "generator/phases/rad", found, expected });
             }
-            if let Some(value) = phases.iter().find(|phase| !(phase.abs() <= 1e6)) {
+            if let Some(value) = phases.iter().find(|phase| !(-1e6..=1e6).contains(*phase)) {
                 let field = "generator/phases/rad";
                 return Err(SequenceError::OutOfRange { field, value: *value, least: -1e6, most: 1e6 });
             }

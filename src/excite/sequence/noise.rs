@@ -204,7 +204,8 @@ impl Butterworth {
         let excess = |db: f64| (db * std::f64::consts::LN_10 / 10.0).exp_m1();
         let (pass, stop) = (excess(losses_db[0]), excess(losses_db[1]));
         let order = ((stop / pass).ln() / (2.0 * (warp(edges_hz[1]) / warp(edges_hz[0])).ln()) - 1e-9).ceil().max(1.0);
-        if !(order <= MAX_ORDER as f64) {
+        let is_reliable = order <= MAX_ORDER as f64;
+        if !is_reliable {
             return Err(SequenceError::FilterOrder { order, most: MAX_ORDER });
         }
         let warped = warp(edges_hz[1]) / stop.powf(0.5 / order);
