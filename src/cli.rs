@@ -60,6 +60,9 @@ enum Command {
         /// Compute threads; 0 for one on each processor.
         #[arg(long, value_name = "N", default_value_t = 0)]
         compute_threads: usize,
+        /// Write the samples that the report carries as CSV, in place of the report.
+        #[arg(long)]
+        csv: bool,
     },
 }
 
@@ -95,6 +98,6 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         }
         Command::Demo(args) => app::block_on(app::demo::demo(&args)),
         Command::Import(args) => app::block_on(app::import::import(&args)),
-        Command::Run { spec, compute_threads } => app::run::run(&spec, compute_threads),
+        Command::Run { spec, compute_threads, csv } => app::run::run(&spec, compute_threads, csv),
     }
 }

@@ -24,11 +24,15 @@ pub enum Kind {
     InverseLqe,
     /// Both, for a whole controller.
     InverseLqg,
+    /// How flat, rich, unpredictable and bearable an excitation is.
+    ExcitationQuality,
+    /// The compensator of a position loop that delivers the flattest spectrum.
+    CompensatorDesign,
 }
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 9] = [
         Self::FrequencyResponse,
         Self::Ssid,
         Self::TwoStimulus,
@@ -36,6 +40,8 @@ impl Kind {
         Self::InverseLqr,
         Self::InverseLqe,
         Self::InverseLqg,
+        Self::ExcitationQuality,
+        Self::CompensatorDesign,
     ];
 
     /// The name on the wire.
@@ -49,6 +55,8 @@ impl Kind {
             Self::InverseLqr => "inverse_lqr",
             Self::InverseLqe => "inverse_lqe",
             Self::InverseLqg => "inverse_lqg",
+            Self::ExcitationQuality => "excitation_quality",
+            Self::CompensatorDesign => "compensator_design",
         }
     }
 }

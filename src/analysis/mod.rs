@@ -3,6 +3,7 @@
 //! One file per kind. Nothing here knows about HTTP, databases or clocks: a [`Problem`] says what is wrong in words and
 //! leaves the status code to the API.
 
+pub mod excitation;
 pub mod frequency_problem;
 pub mod frequency_response;
 pub mod gain_fit;

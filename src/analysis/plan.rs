@@ -4,7 +4,7 @@ use super::inputs::{Library, References};
 use super::kind::{Kind, Request};
 use super::problem::Problem;
 use super::report::Report;
-use super::{frequency_response, gain_fit, inverse, ssid, ssid_mimo, two_stimulus};
+use super::{excitation, frequency_response, gain_fit, inverse, ssid, ssid_mimo, two_stimulus};
 use crate::control::Model;
 use crate::num::{Ctl, Stopped};
 use serde::{Deserialize, Serialize};
@@ -25,6 +25,10 @@ pub enum Plan {
     Inverse(inverse::Plan),
     /// Kind `ssid` with several inputs and outputs; see [`ssid_mimo`].
     SsidMimo(ssid_mimo::Plan),
+    /// See [`excitation::quality`].
+    ExcitationQuality(excitation::quality::Plan),
+    /// See [`excitation::compensator`].
+    CompensatorDesign(excitation::compensator::Plan),
 }
 
 /// Why a plan came to no report.
@@ -70,6 +74,8 @@ impl Plan {
             kind @ (Kind::InverseLqr | Kind::InverseLqe | Kind::InverseLqg) => {
                 inverse::Plan::parse(request, kind).map(Self::Inverse)
             }
+            Kind::ExcitationQuality => excitation::quality::Plan::parse(request).map(Self::ExcitationQuality),
+            Kind::CompensatorDesign => excitation::compensator::Plan::parse(request).map(Self::CompensatorDesign),
         }
     }
 
@@ -82,6 +88,8 @@ impl Plan {
             Self::TwoStimulus(_) => Kind::TwoStimulus,
             Self::GainFit(_) => Kind::GainFit,
             Self::Inverse(plan) => plan.kind(),
+            Self::ExcitationQuality(_) => Kind::ExcitationQuality,
+            Self::CompensatorDesign(_) => Kind::CompensatorDesign,
         }
     }
 
@@ -95,6 +103,8 @@ impl Plan {
             Self::GainFit(plan) => plan.references(),
             Self::Inverse(plan) => plan.references(),
             Self::SsidMimo(plan) => plan.references(),
+            Self::ExcitationQuality(plan) => plan.references(),
+            Self::CompensatorDesign(plan) => plan.references(),
         }
     }
 
@@ -108,6 +118,8 @@ impl Plan {
             Self::GainFit(plan) => plan.request(),
             Self::Inverse(plan) => plan.request(),
             Self::SsidMimo(plan) => plan.request(),
+            Self::ExcitationQuality(plan) => plan.request(),
+            Self::CompensatorDesign(plan) => plan.request(),
         }
     }
 
@@ -125,6 +137,8 @@ impl Plan {
             Self::GainFit(plan) => plan.run(library, ctl),
             Self::Inverse(plan) => plan.run(library, ctl),
             Self::SsidMimo(plan) => plan.run(library, ctl),
+            Self::ExcitationQuality(plan) => plan.run(library, ctl),
+            Self::CompensatorDesign(plan) => plan.run(library, ctl),
         }
     }
 }

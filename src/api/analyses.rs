@@ -348,6 +348,21 @@ pub async fn read(
     etag::conditional(&headers, &AnalysisView::whole(state.store.analysis(id).await?))
 }
 
+/// The report's text, or why there is none.
+pub(super) async fn report_text(state: &AppState, id: AnalysisId) -> ApiResult<String> {
+    if let Some(text) = state.store.report_json(id).await? {
+        return Ok(text);
+    }
+    let record = state.store.analysis(id).await?;
+    let status = record.status.name();
+    let (title, mend) = match record.status {
+        Status::Failed => ("failed", "GET the analysis: its problem says why."),
+        Status::Cancelled => ("cancelled", "Queue the analysis again."),
+        _ => ("not finished", "Follow its events, or ask again later."),
+    };
+    Err(Problem::new(Code::Conflict, title, format!("the analysis is {status} and has no report")).mend(mend).into())
+}
+
 /// Reads the report, byte for byte as the worker wrote it.
 #[utoipa::path(get, path = "/v1/analyses/{analysis}/report", tag = "analyses", operation_id = "read_report",
     params(AnalysisPath, IfNoneMatch),
@@ -359,18 +374,7 @@ pub async fn report(
     Params(()): Params<()>,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
-    let Some(text) = state.store.report_json(id).await? else {
-        let record = state.store.analysis(id).await?;
-        let status = record.status.name();
-        let (title, mend) = match record.status {
-            Status::Failed => ("failed", "GET the analysis: its problem says why."),
-            Status::Cancelled => ("cancelled", "Queue the analysis again."),
-            _ => ("not finished", "Follow its events, or ask again later."),
-        };
-        return Err(Problem::new(Code::Conflict, title, format!("the analysis is {status} and has no report"))
-            .mend(mend)
-            .into());
-    };
+    let text = report_text(&state, id).await?;
     let bytes = text.into_bytes();
     let tag = ETag::of_bytes(&bytes);
     if is_known(&headers, &tag) {

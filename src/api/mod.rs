@@ -23,6 +23,7 @@ pub mod ops;
 pub mod plants;
 pub mod problem;
 pub mod router;
+pub mod samples;
 pub mod signals;
 pub mod state;
 pub mod studies;

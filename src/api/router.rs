@@ -4,15 +4,19 @@ use super::fence::fence;
 use super::problem::{HttpProblem, PROBLEM_JSON};
 use super::state::AppState;
 use super::{
-    analyses, docs, events, frequency_responses, learning_curves, ops, plants, signals, studies, study_analyses,
-    subjects, trials, upload,
+    analyses, docs, events, frequency_responses, learning_curves, ops, plants, samples, signals, studies,
+    study_analyses, subjects, trials, upload,
 };
+use crate::analysis::excitation::compensator::{CompensatorDesignResult, CompensatorDesignSpec};
+use crate::analysis::excitation::plant::MassDamper;
+use crate::analysis::excitation::quality::{ExcitationQualityResult, ExcitationQualitySpec};
 use crate::analysis::frequency_response::{FrequencyResponseResult, FrequencyResponseSpec};
 use crate::analysis::gain_fit::{GainFitResult, GainFitSpec, GainFitTrial, MatrixPlant, NamedPlant, PlantParameter};
 use crate::analysis::inverse::{Comparand, InverseLqgSpec, InverseLqrResult, InverseSpec, Trajectory};
 use crate::analysis::ssid::{FrequencyResponseInput, SsidResult, SsidSpec};
 use crate::analysis::ssid_mimo::{SsidMimoInputs, SsidMimoResult, SsidMimoSpec};
 use crate::analysis::two_stimulus::{StimulusResponsesInput, TwoStimulusResult, TwoStimulusSpec};
+use crate::excite::sequence::SequenceSpec;
 use axum::Router;
 use utoipa::openapi::header::HeaderBuilder;
 use utoipa::openapi::path::{Operation, ParameterIn};
@@ -55,7 +59,13 @@ use utoipa_axum::routes;
         Comparand,
         SsidMimoInputs,
         SsidMimoSpec,
-        SsidMimoResult
+        SsidMimoResult,
+        SequenceSpec,
+        MassDamper,
+        ExcitationQualitySpec,
+        ExcitationQualityResult,
+        CompensatorDesignSpec,
+        CompensatorDesignResult
     )),
     tags(
         (name = "studies", description = "The frame of everything else."),
@@ -84,6 +94,7 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(study_analyses::create))
         .routes(routes!(analyses::read, analyses::delete))
         .routes(routes!(analyses::report))
+        .routes(routes!(samples::read))
         .routes(routes!(analyses::cancel))
         .routes(routes!(events::follow))
         .routes(routes!(learning_curves::of_subject))

@@ -1,6 +1,6 @@
 //! `volition run SPEC.json`: one analysis without a server or a database.
 
-use crate::analysis::{Code, Failure, Library, Plan, Problem, Request};
+use crate::analysis::{Code, Failure, Library, Plan, Problem, Request, excitation};
 use crate::num::{Bracket, Ctl, StopReason};
 use crate::worker::compute;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -20,11 +20,12 @@ const BAD_INPUT: u8 = 2;
 const FAILED: u8 = 1;
 
 /// Executes the document in `path` (`-`: standard input), writes the report to standard output or the problem to
-/// standard error, and says how it went by its exit code: 0, 1 (failed) or 2 (bad input).
+/// standard error, and says how it went by its exit code: 0, 1 (failed) or 2 (bad input). With `csv` the samples that the report carries
+/// are written as CSV in its place.
 ///
 /// # Errors
 /// Only when standard output cannot be written or a thread cannot be started.
-pub fn run(path: &Path, compute_threads: usize) -> anyhow::Result<ExitCode> {
+pub fn run(path: &Path, compute_threads: usize, csv: bool) -> anyhow::Result<ExitCode> {
     let plan = match read(path).and_then(|text| parse(&text)) {
         Ok(plan) => plan,
         Err(problem) => return refuse(&problem, BAD_INPUT),
@@ -35,6 +36,13 @@ pub fn run(path: &Path, compute_threads: usize) -> anyhow::Result<ExitCode> {
     let (outcome, _) = compute::run_plan(&plan, &Library::default(), &ctl, compute_threads);
     bar.finish_and_clear();
     match outcome {
+        Ok(report) if csv => match excitation::samples::csv(&report.result) {
+            Ok(text) => {
+                std::io::stdout().lock().write_all(text.as_bytes())?;
+                Ok(ExitCode::SUCCESS)
+            }
+            Err(problem) => refuse(&problem, BAD_INPUT),
+        },
         Ok(report) => {
             let mut out = std::io::stdout().lock();
             serde_json::to_writer_pretty(&mut out, &report)?;

@@ -6,6 +6,7 @@ mod bad_input;
 mod conditional;
 mod events;
 mod gain_fit;
+mod excitation;
 mod harness;
 mod inverse;
 mod learning;

@@ -98,6 +98,8 @@ async fn every_operation_succeeds_over_http() {
         call("POST", "/v1/studies/{study}/analyses", Some(json!({"kind": "frequency_response"})), 202),
         call("GET", "/v1/analyses/{analysis}", None, 200),
         call("GET", "/v1/analyses/{analysis}/report", None, 200),
+        // A frequency response carries none.
+        call("GET", "/v1/analyses/{analysis}/samples", None, 404),
         call("GET", "/v1/analyses/{analysis}/events", None, 200),
         call("POST", "/v1/analyses/{analysis}/cancel", None, 200),
         call("GET", "/v1/subjects/{subject}/learning-curves", None, 200),

@@ -1,0 +1,112 @@
+//! The plant of a request: a model, the id of a stored one, or the mass and damping of a linear drive.
+
+use super::{problems, read};
+use crate::analysis::ids::PlantId;
+use crate::analysis::inputs::Library;
+use crate::analysis::problem::{Code, Problem};
+use crate::analysis::report::sha256_json;
+use crate::analysis::ssid::problems::check_plant;
+use crate::analysis::trial_input::parse_model;
+use crate::control::{Discrete, Model};
+use crate::excite::path::{Discretisation, SampledPlant};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use utoipa::ToSchema;
+
+/// `P(s) = 1/(m s² + c s)` from force to position: the linear drive of a manipulandum.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MassDamper {
+    /// m, kg.
+    pub mass_kg: f64,
+    /// c, N s/m; may be 0.
+    pub damping_ns_per_m: f64,
+}
+
+/// A plant of a request.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PlantInput {
+    /// A linear drive.
+    MassDamper(MassDamper),
+    /// A model in the request.
+    Model(Model),
+    /// A stored one.
+    Stored(PlantId),
+}
+
+impl PlantInput {
+    /// Checks it as far as it goes without its surroundings.
+    ///
+    /// # Errors
+    /// A [`Problem`] with the JSON pointer of what is wrong.
+    pub fn parse(value: &Value, at: &str) -> Result<Self, Problem> {
+        if let Some(text) = value.as_str() {
+            return text.parse().map(Self::Stored).map_err(|_| {
+                Problem::new(Code::Invalid, "unusable inputs", format!("{text:?} is no id of a plant"))
+                    .at(at)
+                    .mend("Ids are UUIDs.")
+            });
+        }
+        if value.get("mass_kg").is_some() || value.get("damping_ns_per_m").is_some() {
+            let drive: MassDamper = read(value, at, "unusable plant")?;
+            let probe =
+                Discrete::new(1e-3).map_err(|error| Problem::new(Code::Internal, "no probe", error.to_string()))?;
+            SampledPlant::mass_damper(drive.mass_kg, drive.damping_ns_per_m, probe).map_err(|e| problems::path(&e))?;
+            return Ok(Self::MassDamper(drive));
+        }
+        let model = parse_model(value, at)?;
+        check_plant(&model, at)?;
+        Ok(Self::Model(model))
+    }
+
+    /// The stored plant that it names.
+    #[must_use]
+    pub fn id(&self) -> Option<PlantId> {
+        if let Self::Stored(id) = self { Some(*id) } else { None }
+    }
+
+    /// As in the request.
+    #[must_use]
+    pub fn to_value(&self) -> Value {
+        match self {
+            Self::MassDamper(drive) => json!(drive),
+            Self::Model(model) => json!(model),
+            Self::Stored(id) => json!(id),
+        }
+    }
+
+    /// The plant as signals of this sample time see it, with the hash of its content.
+    ///
+    /// # Errors
+    /// A [`Problem`] where it is gone, or cannot be sampled so.
+    pub fn sample(
+        &self,
+        library: &Library,
+        how: Discretisation,
+        time: Discrete,
+        at: &str,
+    ) -> Result<(SampledPlant, String), Problem> {
+        let model = match self {
+            Self::MassDamper(drive) => {
+                let plant = match how {
+                    Discretisation::ZeroOrderHold => {
+                        SampledPlant::mass_damper(drive.mass_kg, drive.damping_ns_per_m, time)
+                    }
+                    _ => {
+                        let model: Model = read(
+                            &json!({"num": [1.0], "den": [drive.mass_kg, drive.damping_ns_per_m, 0.0]}),
+                            at,
+                            "unusable plant",
+                        )?;
+                        SampledPlant::new(&check_plant(&model, at)?, how, time)
+                    }
+                };
+                return plant.map(|plant| (plant, sha256_json(&json!(drive)))).map_err(|e| problems::path(&e));
+            }
+            Self::Model(model) => model,
+            Self::Stored(id) => library.plant(*id).map_err(|problem| problem.at(at))?,
+        };
+        let plant = SampledPlant::new(&check_plant(model, at)?, how, time).map_err(|e| problems::path(&e))?;
+        Ok((plant, sha256_json(&json!(model))))
+    }
+}

@@ -1,0 +1,241 @@
+//! What the question is answered with.
+
+use crate::analysis::excitation::signal::Signal;
+use crate::excite::flatness::{Band, BandFlatness};
+use crate::excite::motion::{MotionSummary, extent};
+use crate::excite::spectrum::Spectrum;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use utoipa::ToSchema;
+
+/// The signal as it is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SignalResult {
+    /// Time between samples, s.
+    pub sample_time_s: f64,
+    /// Samples, all of them.
+    pub samples: usize,
+    /// The period, s; null where none is known, and the record stands for one.
+    pub period_s: Option<f64>,
+    /// Samples of a period, or of the record.
+    pub period_samples: usize,
+    /// Whole periods that were averaged.
+    pub periods: usize,
+    /// Length of a chip, s; null without chips.
+    pub chip_s: Option<f64>,
+    /// The largest magnitude.
+    pub peak: f64,
+    /// Root mean square.
+    pub rms: f64,
+    /// Mean.
+    pub mean: f64,
+    /// Peak over root mean square; null of zero.
+    pub crest_factor: Option<f64>,
+    /// What was chosen or drawn: `polynomial` (recurrence coefficients), `phase_chips`, `chips`, `phases_rad`, `crest_factor` (of the
+    /// continuous signal), `filter_order`, `cutoff_hz`.
+    #[schema(value_type = Object)]
+    pub details: BTreeMap<String, Value>,
+}
+
+impl SignalResult {
+    pub(super) fn new(signal: &Signal, period_samples: usize, periods: usize) -> Self {
+        let whole = extent(&signal.values, None);
+        Self {
+            sample_time_s: signal.sample_time_s,
+            samples: signal.values.len(),
+            period_s: signal.period.map(|n| n as f64 * signal.sample_time_s),
+            period_samples,
+            periods,
+            chip_s: signal.chip_s,
+            peak: whole.peak,
+            rms: whole.rms,
+            mean: signal.values.iter().sum::<f64>() / signal.values.len() as f64,
+            crest_factor: (whole.rms > 0.0).then(|| whole.peak / whole.rms),
+            details: signal.details.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect(),
+        }
+    }
+}
+
+/// Flatness in one band (Qiu 2021, equations 15 and 16).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct FlatnessResult {
+    /// The band, as asked for.
+    pub band_hz: Band,
+    /// γ² of the signal, from 0 to 1.
+    pub sfm: f64,
+    /// The signal's power in the band over its power without 0 Hz.
+    pub energy_fraction: f64,
+    /// Lines in the band.
+    pub lines: usize,
+    /// The highest of them, Hz: the first at or above the band's upper end.
+    pub highest_line_hz: f64,
+    /// γ² behind the plant or loop, or of the answering column; null without.
+    pub output_sfm: Option<f64>,
+    /// Its power in the band over its power without 0 Hz.
+    pub output_energy_fraction: Option<f64>,
+    /// `output_sfm / sfm`: the (band-limited) spectral flatness gain.
+    pub blsfg: Option<f64>,
+}
+
+impl FlatnessResult {
+    pub(super) fn new(band_hz: Band, own: BandFlatness, output: Option<BandFlatness>) -> Self {
+        Self {
+            band_hz,
+            sfm: own.sfm,
+            energy_fraction: own.energy_fraction,
+            lines: own.lines,
+            highest_line_hz: own.highest_hz,
+            output_sfm: output.map(|output| output.sfm),
+            output_energy_fraction: output.map(|output| output.energy_fraction),
+            blsfg: output.filter(|_| own.sfm > 0.0).map(|output| output.sfm / own.sfm),
+        }
+    }
+}
+
+/// The lines; arrays are equally long.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LinesResult {
+    /// How they were chosen: `sequence` (known from the generator), `excited`, `all`, `odd` or `given`.
+    pub rule: String,
+    /// How many there are.
+    pub count: usize,
+    /// Distance of neighbouring multiples of 1/period, Hz.
+    pub spacing_hz: f64,
+    /// Lines above those in the table.
+    pub left_off: usize,
+    /// The multiples of 1/period.
+    pub harmonic: Vec<usize>,
+    /// Frequencies, Hz.
+    pub frequency_hz: Vec<f64>,
+    /// Mean square of the line's sinusoid, in squared units of the signal.
+    pub power: Vec<f64>,
+    /// Mean square of the noise at the line in one period, from the scatter over periods; null of a single one.
+    pub noise_power: Option<Vec<f64>>,
+    /// `10 log₁₀(power/noise_power)`; null of a single period, and where there is no noise or no power.
+    pub snr_db: Option<Vec<Option<f64>>>,
+    /// Mean square of the sinusoid that comes out; null without a plant or an answering column.
+    pub output_power: Option<Vec<f64>>,
+    /// `10 log₁₀` of its power over that of its own noise.
+    pub output_snr_db: Option<Vec<Option<f64>>>,
+}
+
+impl LinesResult {
+    pub(super) fn new(
+        rule: &str,
+        spectrum: &Spectrum,
+        output: Option<&Spectrum>,
+        lines: &[usize],
+        max_lines: usize,
+    ) -> Self {
+        let shown = &lines[..lines.len().min(max_lines)];
+        let snr = |spectrum: &Spectrum| {
+            spectrum.noise.as_ref().map(|noise| {
+                shown
+                    .iter()
+                    .map(|n| Some(10.0 * (spectrum.power[*n] / noise[*n]).log10()).filter(|db| db.is_finite()))
+                    .collect()
+            })
+        };
+        let squares = 0.5 * (spectrum.samples as f64).powi(2);
+        Self {
+            rule: rule.to_owned(),
+            count: lines.len(),
+            spacing_hz: spectrum.spacing_hz(),
+            left_off: lines.len() - shown.len(),
+            harmonic: shown.to_vec(),
+            frequency_hz: shown.iter().map(|n| *n as f64 * spectrum.spacing_hz()).collect(),
+            power: shown.iter().map(|n| spectrum.share(*n)).collect(),
+            noise_power: spectrum.noise.as_ref().map(|noise| shown.iter().map(|n| noise[*n] / squares).collect()),
+            snr_db: snr(spectrum),
+            output_power: output.map(|output| shown.iter().map(|n| output.share(*n)).collect()),
+            output_snr_db: output.and_then(snr),
+        }
+    }
+}
+
+/// How the signal resembles itself later.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct AutocorrelationResult {
+    /// `periodic` (of one period, which runs around) or `record`.
+    pub kind: String,
+    /// Lags, s: multiples of the chip, or of the sample time.
+    pub lag_s: Vec<f64>,
+    /// `R(lag)/R(0)`.
+    pub value: Vec<f64>,
+    /// The value of the largest magnitude between the first lag at which it falls below 0.1 and half a period or record; null where it never does.
+    pub largest_sidelobe: Option<f64>,
+    /// Its lag, s.
+    pub sidelobe_lag_s: Option<f64>,
+}
+
+/// How well the past predicts the signal.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PredictabilityResult {
+    /// How far ahead, s.
+    pub horizon_s: f64,
+    /// Distance of the 24 past values that the best linear predictor uses, s.
+    pub spacing_s: f64,
+    /// The share of the variance that it explains: 0 of a signal that nothing predicts.
+    pub r_squared: f64,
+}
+
+/// The plant or the loop.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PathResult {
+    /// Whether there is a controller.
+    pub is_loop: bool,
+    /// Its sample time, s.
+    pub sample_time_s: f64,
+    /// Where its gain is largest, if that is above the gain at 0 Hz, Hz.
+    pub resonance_hz: Option<f64>,
+    /// The gain there.
+    pub resonance_gain: Option<f64>,
+    /// ‖S P‖∞ of a loop: the largest gain from a force at the plant's input to its output.
+    pub disturbance_norm: Option<f64>,
+    /// Where it is reached, Hz.
+    pub disturbance_norm_hz: Option<f64>,
+    /// The largest magnitude of a pole in z.
+    pub spectral_radius: f64,
+}
+
+/// Samples, for downloading (`text/csv` at `/v1/analyses/{analysis}/samples`).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SamplesResult {
+    /// Time between samples, s.
+    pub sample_time_s: f64,
+    /// The signal.
+    pub signal: Vec<f64>,
+    /// What comes out of the plant or loop, from rest; null without one.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub output: Option<Vec<f64>>,
+    /// The force at the plant's input, of a loop.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub force: Option<Vec<f64>>,
+}
+
+/// The result of `excitation_quality`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ExcitationQualityResult {
+    /// The signal.
+    pub signal: SignalResult,
+    /// Flatness in each band that was asked for.
+    pub flatness: Vec<FlatnessResult>,
+    /// Flatness over all lines below the Nyquist frequency (equations 2 and 7).
+    pub whole_band: FlatnessResult,
+    /// The lines that carry power.
+    pub lines: LinesResult,
+    /// The order of persistent excitation: frequencies in (−f_N, f_N] that carry power.
+    pub persistent_excitation_order: usize,
+    /// Autocorrelation.
+    pub autocorrelation: AutocorrelationResult,
+    /// Predictability; horizons that the period is too short for are left out.
+    pub predictability: Vec<PredictabilityResult>,
+    /// The plant or loop; null without.
+    pub path: Option<PathResult>,
+    /// What is asked of the device and of the body: of the plant's output and input over two periods from rest, or of the signal itself.
+    pub motion: MotionSummary,
+    /// Samples, where asked for.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub samples: Option<SamplesResult>,
+}

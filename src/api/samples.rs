@@ -1,0 +1,41 @@
+//! The samples that an analysis made, as a table.
+
+use super::analyses::{AnalysisPath, report_text};
+use super::etag::{ETag, IfNoneMatch, is_known, not_modified, tagged_bytes};
+use super::extract::{Id, Params, off_thread};
+use super::problem::ApiResult;
+use super::state::AppState;
+use crate::analysis::ids::AnalysisId;
+use crate::analysis::{Code, Problem, Report, excitation};
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::Response;
+
+/// Downloads the samples of a report as CSV: an excitation as it is to be played, with what comes out of the plant or loop.
+#[utoipa::path(get, path = "/v1/analyses/{analysis}/samples", tag = "analyses", operation_id = "read_samples",
+    params(AnalysisPath, IfNoneMatch),
+    responses(
+        (status = 200, description = "The samples, the signal first. Every number reads back as the same double.",
+            content((String = "text/csv", example = "t,signal\r\n0.0,0.0\r\n"))),
+        (status = 404, description = "There is no such analysis, or its result carries no samples."),
+        (status = 409, description = "There is no report: the analysis is not finished, failed, or was cancelled.")))]
+pub async fn read(
+    State(state): State<AppState>,
+    Id(id): Id<AnalysisId>,
+    Params(()): Params<()>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let text = report_text(&state, id).await?;
+    let written = off_thread(move || {
+        let report: Report = serde_json::from_str(&text)
+            .map_err(|error| Problem::new(Code::Internal, "unreadable report", error.to_string()))?;
+        excitation::samples::csv(&report.result)
+    })
+    .await?;
+    let bytes = written?.into_bytes();
+    let tag = ETag::of_bytes(&bytes);
+    if is_known(&headers, &tag) {
+        return Ok(not_modified(&tag));
+    }
+    Ok(tagged_bytes(StatusCode::OK, "text/csv; charset=utf-8; header=present", &tag, bytes))
+}

@@ -1,0 +1,220 @@
+//! Climbing to the best compensator near a start.
+
+use super::climb::climb;
+use super::design::{Design, DesignLimits};
+use super::space::{EDGE, Space};
+use crate::excite::peak::golden;
+use crate::num::{Ctl, Stopped};
+
+/// A climb that ends this near an edge is tried on it.
+const NEAR_EDGE: f64 = 0.05;
+/// How far from its last place the best gain is looked for, in its logarithm.
+const REACH: f64 = 0.4;
+/// Steps outwards, each this factor longer, in which a gain that keeps the limits is looked for.
+const OUTWARD: (usize, f64, f64) = (16, 0.004, 1.6);
+/// Halvings between a gain that breaks a limit and one that keeps it.
+const HALVINGS: usize = 26;
+
+/// What is climbed.
+pub(super) struct Task<'a> {
+    /// The loop.
+    pub design: &'a Design,
+    /// The box.
+    pub space: &'a Space,
+    /// What must be kept.
+    pub limits: &'a DesignLimits,
+    /// Who may stop it.
+    pub ctl: &'a Ctl,
+}
+
+impl Task<'_> {
+    /// Whether anything must be kept beside stability.
+    pub fn is_limited(&self) -> bool {
+        !self.limits.motion().is_empty()
+            || self.limits.disturbance_norm.is_some()
+            || self.limits.decay_per_s.is_some_and(|decay| decay > 0.0)
+    }
+
+    /// Whether the limits are kept at a point whose loop is stable.
+    pub fn keeps(&self, x: &[f64]) -> bool {
+        self.design.keeps(&self.space.compensator(x), self.limits)
+    }
+
+    fn value(&self, x: &[f64]) -> f64 {
+        super::search::value(self.design, &self.space.compensator(x))
+    }
+
+    /// In all unknowns at once, then along the edges where it ended, then in the gain alone; stability is all that is kept.
+    ///
+    /// # Errors
+    /// [`Stopped`].
+    pub fn climb(&self, start: &[f64], spacing: &[f64]) -> Result<(Vec<f64>, f64), Stopped> {
+        let mut stopped = None;
+        let mut f = |x: &[f64]| {
+            if let Err(reason) = self.ctl.check() {
+                stopped = Some(reason);
+            }
+            if stopped.is_some() { f64::NEG_INFINITY } else { self.value(x) }
+        };
+        let (mut x, mut value) = ascend(&mut f, start, spacing, &self.space.bounds);
+        let [low, high] = self.space.bounds[0];
+        if high - low > EDGE {
+            // The maximum over the gain is flat: a last golden section settles its place.
+            let reach = spacing[0].min(0.05);
+            let mut along = |gain: f64| {
+                let mut moved = x.clone();
+                moved[0] = gain;
+                f(&moved)
+            };
+            let peak = golden(&mut along, (x[0] - reach).max(low), (x[0] + reach).min(high));
+            if peak.value > value {
+                x[0] = peak.at;
+                value = peak.value;
+            }
+        }
+        stopped.map_or(Ok((x, value)), Err)
+    }
+
+    /// In the corners, where each pair has the best gain near the last one that keeps the limits. That profile is smooth where a climb in all
+    /// unknowns would run against the limit as against a wall.
+    ///
+    /// # Errors
+    /// [`Stopped`].
+    pub fn climb_along_limits(&self, start: &[f64], spacing: &[f64]) -> Result<(Vec<f64>, f64), Stopped> {
+        let mut stopped = None;
+        let mut best = (start.to_vec(), f64::NEG_INFINITY);
+        let mut f = |corners: &[f64]| {
+            if stopped.is_some() {
+                return f64::NEG_INFINITY;
+            }
+            match self.best_gain(best.0[0], corners) {
+                Err(reason) => {
+                    stopped = Some(reason);
+                    f64::NEG_INFINITY
+                }
+                Ok(None) => f64::NEG_INFINITY,
+                Ok(Some((gain, value))) => {
+                    if value > best.1 {
+                        best = (std::iter::once(gain).chain(corners.iter().copied()).collect(), value);
+                    }
+                    value
+                }
+            }
+        };
+        if start.len() == 1 {
+            f(&[]);
+        } else {
+            ascend(&mut f, &start[1..], &spacing[1..], &self.space.bounds[1..]);
+        }
+        stopped.map_or(Ok(best), Err)
+    }
+
+    /// The best gain near `near` for some corners that keeps the limits; `None` where none was found.
+    fn best_gain(&self, near: f64, corners: &[f64]) -> Result<Option<(f64, f64)>, Stopped> {
+        let [low, high] = self.space.bounds[0];
+        let at = |gain: f64| -> Vec<f64> { std::iter::once(gain).chain(corners.iter().copied()).collect() };
+        let value = |gain: f64| self.value(&at(gain));
+        self.ctl.check()?;
+        let top = if high - low < EDGE {
+            low
+        } else {
+            let peak = golden(value, (near - REACH).max(low), (near + REACH).min(high));
+            if peak.value > value(near) { peak.at } else { near }
+        };
+        let kept = |gain: f64| value(gain).is_finite() && self.keeps(&at(gain));
+        if kept(top) {
+            return Ok(Some((top, value(top))));
+        }
+        let (steps, first, growth) = OUTWARD;
+        let mut best: Option<(f64, f64)> = None;
+        for direction in [-1.0, 1.0] {
+            let mut outside = top;
+            let mut step = first;
+            for _ in 0..steps {
+                self.ctl.check()?;
+                let inside = top + direction * step;
+                if inside < low || inside > high {
+                    break;
+                }
+                if kept(inside) {
+                    let (mut outside, mut inside) = (outside, inside);
+                    for _ in 0..HALVINGS {
+                        let middle = 0.5 * (outside + inside);
+                        if kept(middle) {
+                            inside = middle;
+                        } else {
+                            outside = middle;
+                        }
+                    }
+                    // Within what keeps the limits there may be a better place than its edge.
+                    let further = if direction > 0.0 { (inside + REACH).min(high) } else { (inside - REACH).max(low) };
+                    let peak = golden(value, inside.min(further), inside.max(further));
+                    for gain in [inside, peak.at] {
+                        let reached = value(gain);
+                        if best.is_none_or(|(_, value)| reached > value) && kept(gain) {
+                            best = Some((gain, reached));
+                        }
+                    }
+                    break;
+                }
+                outside = inside;
+                step *= growth;
+            }
+        }
+        Ok(best)
+    }
+}
+
+/// A climb in some of the unknowns, the others held; `x` and `value` move where it gains.
+fn climb_among(
+    f: &mut impl FnMut(&[f64]) -> f64,
+    unknowns: &[usize],
+    (x, value): (&mut Vec<f64>, &mut f64),
+    spacing: &[f64],
+    bounds: &[[f64; 2]],
+) {
+    if unknowns.is_empty() {
+        return;
+    }
+    let pick = |all: &[f64]| unknowns.iter().map(|i| all[*i]).collect::<Vec<f64>>();
+    let mut whole = x.clone();
+    let mut part = |y: &[f64]| {
+        for (i, y) in unknowns.iter().zip(y) {
+            whole[*i] = *y;
+        }
+        f(&whole)
+    };
+    let inside: Vec<[f64; 2]> = unknowns.iter().map(|i| bounds[*i]).collect();
+    let (found, reached) = climb(&mut part, &pick(x), &pick(spacing), &inside);
+    if reached > *value {
+        for (i, y) in unknowns.iter().zip(found) {
+            x[*i] = y;
+        }
+        *value = reached;
+    }
+}
+
+/// A climb in all free unknowns, then along the edges near which it ended.
+fn ascend(f: &mut impl FnMut(&[f64]) -> f64, start: &[f64], spacing: &[f64], bounds: &[[f64; 2]]) -> (Vec<f64>, f64) {
+    let free: Vec<usize> = (0..bounds.len()).filter(|i| bounds[*i][1] - bounds[*i][0] > EDGE).collect();
+    let (mut x, mut value) = (start.to_vec(), f(start));
+    climb_among(f, &free, (&mut x, &mut value), spacing, bounds);
+    let mut inner = Vec::new();
+    for i in free.iter().copied() {
+        let [low, high] = bounds[i];
+        if (x[i] - low).min(high - x[i]) > NEAR_EDGE {
+            inner.push(i);
+            continue;
+        }
+        let mut moved = x.clone();
+        moved[i] = if x[i] - low <= NEAR_EDGE { low } else { high };
+        let reached = f(&moved);
+        if reached > value {
+            (x, value) = (moved, reached);
+        }
+    }
+    if inner.len() < free.len() {
+        climb_among(f, &inner, (&mut x, &mut value), spacing, bounds);
+    }
+    (x, value)
+}
