@@ -8,6 +8,7 @@ pub mod cli;
 pub mod config;
 pub mod control;
 pub mod convex;
+pub mod excite;
 pub mod identify;
 pub mod inverse;
 pub mod jobs;

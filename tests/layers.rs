@@ -14,12 +14,13 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("plants", &["control", "num", "trial"]),
     ("identify", &["control", "num", "trial"]),
     ("inverse", &["control", "convex", "num"]),
+    ("excite", &["control", "convex", "num", "plants"]),
     ("learning", &["control", "identify", "num", "trial"]),
-    ("analysis", &["control", "convex", "identify", "inverse", "learning", "num", "plants", "trial"]),
+    ("analysis", &["control", "convex", "excite", "identify", "inverse", "learning", "num", "plants", "trial"]),
     ("jobs", &["analysis", "num"]),
     ("store", &["analysis", "control", "jobs", "num", "trial"]),
     ("worker", &["analysis", "jobs", "num", "store"]),
-    ("api", &["analysis", "control", "jobs", "learning", "num", "store", "trial"]),
+    ("api", &["analysis", "control", "excite", "jobs", "learning", "num", "store", "trial"]),
     ("app", &["*"]),
     ("cli", &["*"]),
     ("config", &["*"]),
@@ -28,7 +29,7 @@ const ARROWS: &[(&str, &[&str])] = &[
 
 /// The layers without async, clock, environment, filesystem or global state.
 const PURE: &[&str] =
-    &["num", "control", "convex", "trial", "plants", "identify", "inverse", "learning", "analysis", "jobs"];
+    &["num", "control", "convex", "trial", "plants", "identify", "inverse", "excite", "learning", "analysis", "jobs"];
 
 /// What a pure layer must not mention.
 const IMPURE: &[&str] = &[

@@ -5,6 +5,7 @@
 
 pub mod ctl;
 pub mod distributions;
+pub mod fourier;
 pub mod least_squares;
 pub mod linalg;
 mod nonnegative;

@@ -1,8 +1,9 @@
 //! Discrete Fourier transforms: direct at any frequency, fast on the grid of a segment.
 
 use super::settings::{Detrend, Window};
+/// The transform on the grid `k/(N T)`, `k = 0 … ⌊N/2⌋`, by the fast algorithm.
+pub use crate::num::fourier::real_transform as grid_transform;
 use num_complex::Complex64;
-use rustfft::FftPlanner;
 use std::f64::consts::PI;
 
 /// `Σᵢ xᵢ e^{−j2πfiT}` for each of the columns `x`, where `cycles = fT` is the frequency in cycles per sample.
@@ -25,17 +26,6 @@ pub fn direct_transform(columns: &[&[f64]], cycles: f64) -> Vec<Complex64> {
         }
     }
     sums.into_iter().map(|[re, im]| Complex64::new(re.value(), im.value())).collect()
-}
-
-/// The transform on the grid `k/(N T)`, `k = 0 … ⌊N/2⌋`, by the fast algorithm.
-#[must_use]
-pub fn grid_transform(column: &[f64]) -> Vec<Complex64> {
-    let mut buffer: Vec<Complex64> = column.iter().map(|x| Complex64::new(*x, 0.0)).collect();
-    if !buffer.is_empty() {
-        FftPlanner::new().plan_fft_forward(buffer.len()).process(&mut buffer);
-        buffer.truncate(column.len() / 2 + 1);
-    }
-    buffer
 }
 
 /// A running sum with the rounding errors of its additions (Neumaier 1974).
