@@ -3,4 +3,5 @@
 //! [`sequence`] makes them, [`spectrum`] and [`flatness`] judge them (Qiu 2021, equations 1–16), [`compensator`] shapes the
 //! position loop that carries them to the person, and [`motion`] says what they ask of a device and of a body.
 
+pub mod design;
 pub mod sequence;
