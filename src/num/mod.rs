@@ -6,6 +6,7 @@
 pub mod ctl;
 pub mod distributions;
 pub mod fourier;
+pub mod dual;
 pub mod least_squares;
 pub mod linalg;
 mod nonnegative;

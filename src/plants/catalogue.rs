@@ -23,6 +23,33 @@ pub enum Plant {
     DampedDoubleIntegrator,
 }
 
+/// A plant whose matrices depend on named parameters, together with the person who controls it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ParametricPlant {
+    /// [`SeatedBalance`](super::SeatedBalance).
+    SeatedBalance,
+}
+
+impl ParametricPlant {
+    /// All of them.
+    pub const ALL: [Self; 1] = [Self::SeatedBalance];
+
+    /// Its name, as in JSON.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SeatedBalance => "seated_balance",
+        }
+    }
+
+    /// The plant with this name.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|plant| plant.name() == name)
+    }
+}
+
 /// A name that no plant of the catalogue has.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("there is no plant {name:?} in the catalogue; it holds {}", names().join(", "))]

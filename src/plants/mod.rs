@@ -3,9 +3,11 @@
 pub mod catalogue;
 pub mod commands;
 pub mod inverse;
+pub mod seated_balance;
 pub mod study;
 pub mod subject;
 
-pub use catalogue::Plant;
+pub use catalogue::{ParametricPlant, Plant};
+pub use seated_balance::SeatedBalance;
 pub use study::SimulatedStudy;
 pub use subject::SimulatedSubject;

@@ -1,0 +1,186 @@
+//! A plant under a person: state feedback through a sensory delay and a muscle, as a function of parameters.
+//!
+//! ```text
+//! ẋ = A x + B u + E w,   y = C x + D u + F w,   u = M(s) P(s) (−K x)
+//! ```
+//! P is the Padé approximation of `e^{−τs}` and M the lag `1/(T s + 1)`, one of each for every control; either may be missing
+//! (Priess 2015, figure 5.5 and appendix B, whose print leaves the lag out).
+
+use super::parametric::Matrices;
+use crate::num::dual::Real;
+use nalgebra::DMatrix;
+
+/// A plant with its two kinds of inputs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plant<S: Real> {
+    /// A, n×n.
+    pub a: DMatrix<S>,
+    /// B, n×m: what the person does.
+    pub b: DMatrix<S>,
+    /// E, n×q: what the experimenter does.
+    pub e: DMatrix<S>,
+    /// C, p×n.
+    pub c: DMatrix<S>,
+    /// D, p×m.
+    pub d: DMatrix<S>,
+    /// F, p×q.
+    pub f: DMatrix<S>,
+    /// x₀, n.
+    pub initial: Vec<S>,
+}
+
+/// What lies between the person's intention and the control.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Path<S> {
+    /// Order of the Padé approximation and the delay τ in seconds, above 0.
+    pub delay: Option<(usize, S)>,
+    /// Time constant T of the lag in seconds, above 0.
+    pub lag: Option<S>,
+}
+
+impl<S> Path<S> {
+    /// Neither delay nor lag.
+    #[must_use]
+    pub fn direct() -> Self {
+        Self { delay: None, lag: None }
+    }
+}
+
+/// The Padé approximation of order q of `e^{−p}`, `p = τs`, as `ξ' = a ξ + b e`, `output = c ξ + d e`: a, b, c and d.
+///
+/// With `coth(p/2) = 2/p + 1/(6/p + 1/(10/p + …))` cut after q terms, `(coth − 1)/(coth + 1)` is the diagonal Padé approximant. Its terms
+/// are the elements of a lossless ladder, whose states scaled to their energies give entries of like size at any order; a companion form of
+/// order 5 has entries of 30240 beside 1.
+#[must_use]
+pub fn pade(order: usize) -> (DMatrix<f64>, Vec<f64>, Vec<f64>, f64) {
+    let size = |k: usize| 2.0 * (2 * k + 1) as f64;
+    let root = |k: usize| size(k).sqrt();
+    // Elements 0, 2, 4, .. integrate currents i, elements 1, 3, .. voltages v: the voltage behind element k is the sum of the even states
+    // from k on, the current is the input e less the voltage at the front and the odd states before k.
+    let mut a = DMatrix::zeros(order, order);
+    let mut b = vec![0.0; order];
+    let mut c = vec![0.0; order];
+    for k in 0..order {
+        let scale = size(k) / root(k);
+        if k % 2 == 0 {
+            b[k] = scale;
+            c[k] = 2.0 * root(k);
+            for j in 0..order {
+                if j % 2 == 0 || j < k {
+                    a[(k, j)] = -scale * root(j);
+                }
+            }
+        } else {
+            for j in (k + 1..order).step_by(2) {
+                a[(k, j)] = scale * root(j);
+            }
+        }
+    }
+    // With no element at all the approximant is 1.
+    (a, b, c, if order == 0 { 1.0 } else { -1.0 })
+}
+
+/// The loop from w to y. The states are those of the plant, then for every control those of its delay and of its lag; these start at rest.
+#[must_use]
+pub fn close<S: Real>(plant: &Plant<S>, k: &DMatrix<S>, path: &Path<S>) -> Matrices<S> {
+    let (n, m, q, p) = (plant.a.nrows(), plant.b.ncols(), plant.e.ncols(), plant.c.nrows());
+    let delay_states = path.delay.map_or(0, |(order, _)| order);
+    let lag_states = usize::from(path.lag.is_some());
+    let each = delay_states + lag_states;
+    let states = n + m * each;
+    let zero = S::from(0.0);
+    let mut closed = Matrices::zeros(states, q, p);
+    closed.a.view_mut((0, 0), (n, n)).copy_from(&plant.a);
+    closed.b.view_mut((0, 0), (n, q)).copy_from(&plant.e);
+    closed.c.view_mut((0, 0), (p, n)).copy_from(&plant.c);
+    closed.d.copy_from(&plant.f);
+    for (i, x) in plant.initial.iter().enumerate() {
+        closed.initial[i] = *x;
+    }
+    for control in 0..m {
+        let first = n + control * each;
+        // The signal on its way from −Kx to u, as a row over the states.
+        let mut row: Vec<S> = (0..states).map(|j| if j < n { -k[(control, j)] } else { zero }).collect();
+        if let Some((order, tau)) = path.delay {
+            let (a, b, c, d) = pade(order);
+            let mut behind: Vec<S> = row.iter().map(|v| *v * S::from(d)).collect();
+            for i in 0..order {
+                for (j, v) in row.iter().enumerate().take(n) {
+                    closed.a[(first + i, j)] = *v * S::from(b[i]) / tau;
+                }
+                for j in 0..order {
+                    closed.a[(first + i, first + j)] = S::from(a[(i, j)]) / tau;
+                }
+                behind[first + i] = S::from(c[i]);
+            }
+            row = behind;
+        }
+        if let Some(lag) = path.lag {
+            let muscle = first + delay_states;
+            for (j, v) in row.iter().enumerate() {
+                closed.a[(muscle, j)] = *v / lag;
+            }
+            closed.a[(muscle, muscle)] = closed.a[(muscle, muscle)] - S::from(1.0) / lag;
+            row = vec![zero; states];
+            row[muscle] = S::from(1.0);
+        }
+        for (j, v) in row.iter().enumerate() {
+            for i in 0..n {
+                closed.a[(i, j)] = closed.a[(i, j)] + plant.b[(i, control)] * *v;
+            }
+            for i in 0..p {
+                closed.c[(i, j)] = closed.c[(i, j)] + plant.d[(i, control)] * *v;
+            }
+        }
+    }
+    closed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::{Continuous, StateSpace};
+    use num_complex::Complex64;
+
+    /// Priess 2015, §5.2: the coefficients of the approximant of order 5.
+    #[test]
+    fn the_ladder_is_the_printed_approximant() {
+        let (a, b, c, d) = pade(5);
+        let model = StateSpace::new(
+            a,
+            DMatrix::from_column_slice(5, 1, &b),
+            DMatrix::from_row_slice(1, 5, &c),
+            DMatrix::from_element(1, 1, d),
+            Continuous,
+        )
+        .unwrap();
+        let printed = [30240.0, 15120.0, 3360.0, 420.0, 30.0, 1.0];
+        for p in
+            [Complex64::new(0.3, 0.0), Complex64::new(0.0, 2.0), Complex64::new(1.5, -7.0), Complex64::new(0.0, 40.0)]
+        {
+            let sum = |sign: f64| printed.iter().rev().fold(Complex64::new(0.0, 0.0), |sum, c| sum * p * sign + c);
+            let expected = sum(-1.0) / sum(1.0);
+            let found = model.eval(p).unwrap()[(0, 0)];
+            assert!((found - expected).norm() < 1e-13 * expected.norm().max(1.0), "{p}: {found} {expected}");
+        }
+    }
+
+    #[test]
+    fn every_order_delays() {
+        for order in 1..=8 {
+            let (a, b, c, d) = pade(order);
+            let model = StateSpace::new(
+                a,
+                DMatrix::from_column_slice(order, 1, &b),
+                DMatrix::from_row_slice(1, order, &c),
+                DMatrix::from_element(1, 1, d),
+                Continuous,
+            )
+            .unwrap();
+            let p = Complex64::new(0.0, 0.2 * order as f64);
+            let found = model.eval(p).unwrap()[(0, 0)];
+            assert!((found.norm() - 1.0).abs() < 1e-13, "an all-pass");
+            assert!((found - (-p).exp()).norm() < 1e-3, "{order}: {found}");
+        }
+    }
+}
