@@ -5,8 +5,9 @@
 
 pub mod ctl;
 pub mod distributions;
-pub mod fourier;
 pub mod dual;
+pub mod expression;
+pub mod fourier;
 pub mod least_squares;
 pub mod linalg;
 mod nonnegative;

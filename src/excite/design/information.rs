@@ -237,10 +237,10 @@ impl Fisher {
         })
     }
 
-    /// The ratio of the largest to the least eigenvalue of the matrix in units of the scales; infinite for a singular one.
+    /// The ratio of the largest to the least eigenvalue of the matrix with unit diagonal, whatever the units; infinite for a singular one.
     #[must_use]
     pub fn condition(&self) -> f64 {
-        let values = self.scaled.symmetric_eigenvalues();
+        let values = self.normalised().symmetric_eigenvalues();
         if values.min() > 0.0 { values.max() / values.min() } else { f64::INFINITY }
     }
 
