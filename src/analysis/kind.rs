@@ -22,12 +22,24 @@ pub enum Kind {
     InverseLqe,
     /// Both, for a whole controller.
     InverseLqg,
+    /// The input that tells the most about the parameters of a model.
+    InputDesign,
+    /// The experiment whose worst subject is estimated best.
+    RobustInputDesign,
 }
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 6] =
-        [Self::FrequencyResponse, Self::Ssid, Self::TwoStimulus, Self::InverseLqr, Self::InverseLqe, Self::InverseLqg];
+    pub const ALL: [Self; 8] = [
+        Self::FrequencyResponse,
+        Self::Ssid,
+        Self::TwoStimulus,
+        Self::InverseLqr,
+        Self::InverseLqe,
+        Self::InverseLqg,
+        Self::InputDesign,
+        Self::RobustInputDesign,
+    ];
 
     /// The name on the wire.
     #[must_use]
@@ -39,6 +51,8 @@ impl Kind {
             Self::InverseLqr => "inverse_lqr",
             Self::InverseLqe => "inverse_lqe",
             Self::InverseLqg => "inverse_lqg",
+            Self::InputDesign => "input_design",
+            Self::RobustInputDesign => "robust_input_design",
         }
     }
 }

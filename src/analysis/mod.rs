@@ -6,12 +6,14 @@
 pub mod frequency_problem;
 pub mod frequency_response;
 pub mod ids;
+pub mod input_design;
 pub mod inputs;
 pub mod inverse;
 pub mod kind;
 pub mod plan;
 pub mod problem;
 pub mod report;
+pub mod robust_input_design;
 pub mod ssid;
 pub mod ssid_mimo;
 pub mod trial_input;

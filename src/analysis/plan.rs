@@ -4,7 +4,7 @@ use super::inputs::{Library, References};
 use super::kind::{Kind, Request};
 use super::problem::Problem;
 use super::report::Report;
-use super::{frequency_response, inverse, ssid, ssid_mimo, two_stimulus};
+use super::{frequency_response, input_design, inverse, robust_input_design, ssid, ssid_mimo, two_stimulus};
 use crate::num::{Ctl, Stopped};
 
 /// A checked request: everything that can be checked without its inputs has been.
@@ -20,6 +20,10 @@ pub enum Plan {
     Inverse(inverse::Plan),
     /// Kind `ssid` with several inputs and outputs; see [`ssid_mimo`].
     SsidMimo(ssid_mimo::Plan),
+    /// See [`input_design`].
+    InputDesign(input_design::Plan),
+    /// See [`robust_input_design`].
+    RobustInputDesign(robust_input_design::Plan),
 }
 
 /// Why a plan came to no report.
@@ -47,6 +51,8 @@ impl Plan {
             kind @ (Kind::InverseLqr | Kind::InverseLqe | Kind::InverseLqg) => {
                 inverse::Plan::parse(request, kind).map(Self::Inverse)
             }
+            Kind::InputDesign => input_design::Plan::parse(request).map(Self::InputDesign),
+            Kind::RobustInputDesign => robust_input_design::Plan::parse(request).map(Self::RobustInputDesign),
         }
     }
 
@@ -58,6 +64,8 @@ impl Plan {
             Self::Ssid(_) | Self::SsidMimo(_) => Kind::Ssid,
             Self::TwoStimulus(_) => Kind::TwoStimulus,
             Self::Inverse(plan) => plan.kind(),
+            Self::InputDesign(_) => Kind::InputDesign,
+            Self::RobustInputDesign(_) => Kind::RobustInputDesign,
         }
     }
 
@@ -70,6 +78,8 @@ impl Plan {
             Self::TwoStimulus(plan) => plan.references(),
             Self::Inverse(plan) => plan.references(),
             Self::SsidMimo(plan) => plan.references(),
+            Self::InputDesign(plan) => plan.references(),
+            Self::RobustInputDesign(plan) => plan.references(),
         }
     }
 
@@ -82,6 +92,8 @@ impl Plan {
             Self::TwoStimulus(plan) => plan.request(),
             Self::Inverse(plan) => plan.request(),
             Self::SsidMimo(plan) => plan.request(),
+            Self::InputDesign(plan) => plan.request(),
+            Self::RobustInputDesign(plan) => plan.request(),
         }
     }
 
@@ -98,6 +110,8 @@ impl Plan {
             Self::TwoStimulus(plan) => plan.run(library, ctl),
             Self::Inverse(plan) => plan.run(library, ctl),
             Self::SsidMimo(plan) => plan.run(library, ctl),
+            Self::InputDesign(plan) => plan.run(library, ctl),
+            Self::RobustInputDesign(plan) => plan.run(library, ctl),
         }
     }
 }

@@ -8,7 +8,9 @@ use super::{
     subjects, trials, upload,
 };
 use crate::analysis::frequency_response::{FrequencyResponseResult, FrequencyResponseSpec};
+use crate::analysis::input_design::{InputDesignInputs, InputDesignResult, InputDesignSpec};
 use crate::analysis::inverse::{Comparand, InverseLqgSpec, InverseLqrResult, InverseSpec, Trajectory};
+use crate::analysis::robust_input_design::{RobustInputDesignInputs, RobustInputDesignResult, RobustInputDesignSpec};
 use crate::analysis::ssid::{FrequencyResponseInput, SsidResult, SsidSpec};
 use crate::analysis::ssid_mimo::{SsidMimoInputs, SsidMimoResult, SsidMimoSpec};
 use crate::analysis::two_stimulus::{StimulusResponsesInput, TwoStimulusResult, TwoStimulusSpec};
@@ -48,7 +50,13 @@ use utoipa_axum::routes;
         Comparand,
         SsidMimoInputs,
         SsidMimoSpec,
-        SsidMimoResult
+        SsidMimoResult,
+        InputDesignInputs,
+        InputDesignSpec,
+        InputDesignResult,
+        RobustInputDesignInputs,
+        RobustInputDesignSpec,
+        RobustInputDesignResult
     )),
     tags(
         (name = "studies", description = "The frame of everything else."),

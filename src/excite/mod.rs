@@ -4,4 +4,5 @@
 //! position loop that carries them to the person, and [`motion`] says what they ask of a device and of a body.
 
 pub mod design;
+pub mod robust;
 pub mod sequence;

@@ -53,7 +53,7 @@ fn wrong(detail: impl Into<String>, at: impl Into<String>) -> Problem {
 }
 
 /// A matrix as row-major nested arrays.
-pub(super) fn matrix(value: &Value, letter: &str, at: &str) -> Result<DMatrix<f64>, Problem> {
+pub(in crate::analysis) fn matrix(value: &Value, letter: &str, at: &str) -> Result<DMatrix<f64>, Problem> {
     let advice = format!("Give {letter} as an array of rows, each an array of numbers: [[1, 0], [0, 1]].");
     let rows =
         value.as_array().ok_or_else(|| wrong(format!("{letter} is no array of rows"), at).mend(advice.clone()))?;

@@ -30,6 +30,8 @@ pub use result::{
 use serde_json::{Map, Value, json};
 use spec::{Checked, CheckedSpecs};
 pub use spec::{FitSpec, InverseLqgSpec, InverseSpec, PortWeight, StateWeight};
+
+pub(in crate::analysis) use inputs::matrix;
 use std::collections::BTreeMap;
 
 /// Version of [`InverseLqrResult`].
