@@ -43,6 +43,28 @@ fn responses_are_those_of_the_reference() {
 }
 
 #[test]
+fn the_loop_has_the_poles_of_the_reference() {
+    let plant = chapter_five::plant();
+    let mut poles = plant.closed_loop().unwrap().poles().unwrap();
+    let mut expected: Vec<Vec<f64>> = serde_json::from_value(GOLDEN["cont_poles"].clone()).unwrap();
+    assert_eq!(poles.len(), 10);
+    poles.sort_by(|a, b| a.re.total_cmp(&b.re).then(a.im.total_cmp(&b.im)));
+    expected.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    for pole in &expected {
+        let nearest = poles.iter().map(|p| (p.re - pole[0]).hypot(p.im - pole[1])).fold(f64::INFINITY, f64::min);
+        assert!(nearest < 1e-8 * pole[0].hypot(pole[1]), "{pole:?}: {nearest}");
+    }
+    let sampled = chapter_five::sampled(&plant.nominal()).unwrap();
+    let radius = sampled.value.model.poles().unwrap().iter().map(|p| p.norm()).fold(0.0, f64::max);
+    near(radius, GOLDEN["rho"].as_f64().unwrap(), 1e-8);
+    let (a, b) = plant.plant_matrices(&plant.nominal());
+    let rows: Vec<Vec<f64>> = serde_json::from_value(GOLDEN["plant_A"].clone()).unwrap();
+    all_near(&a.transpose().iter().copied().collect::<Vec<_>>(), &rows.concat(), 1e-12);
+    let rows: Vec<Vec<f64>> = serde_json::from_value(GOLDEN["plant_B"].clone()).unwrap();
+    all_near(&b.column(0).iter().copied().collect::<Vec<_>>(), &rows.iter().map(|r| r[1]).collect::<Vec<_>>(), 1e-12);
+}
+
+#[test]
 fn the_information_is_that_of_the_reference() {
     let case = case(300);
     let (form, vector, constant) = case.information.quadratic();
@@ -144,7 +166,10 @@ fn the_program_without_autocorrelation_has_the_reference_optimum() {
 fn chapter_five_gains_more_than_the_reference_and_keeps_every_limit() {
     let case = case(300);
     let found = climb(&case.information, &case.limits, &case.start, &settings(Criterion::T), &Ctl::new()).unwrap();
-    println!("{} after {} steps, {} programs, {} iterations, {:?}", found.factor, found.steps, found.programs, found.iterations, found.stop);
+    println!(
+        "{} after {} steps, {} programs, {} iterations, {:?}",
+        found.factor, found.steps, found.programs, found.iterations, found.stop
+    );
     assert!(found.factor >= 1.93, "{}", found.factor);
     let trace = |u: &[f64]| case.information.fisher(u).value(Criterion::T).unwrap();
     near(found.factor, trace(&found.input) / trace(&case.start), 1e-10);
@@ -190,13 +215,16 @@ fn predicted_deviations_are_those_of_the_inverse() {
 #[test]
 fn impossible_starts_are_named() {
     let case = case(60);
-    let run = |limits: &Limits, start: &[f64]| climb(&case.information, limits, start, &settings(Criterion::T), &Ctl::new());
+    let run =
+        |limits: &Limits, start: &[f64]| climb(&case.information, limits, start, &settings(Criterion::T), &Ctl::new());
     let mut high = case.start.clone();
     high[7] = 21.0;
     let only_input = Limits { outputs: Vec::new(), autocorrelation: None, ..case.limits.clone() };
     assert!(matches!(run(&only_input, &high), Err(ClimbError::Broken(Broken::Input { sample: 7, .. }))));
     let large: Vec<f64> = case.start.iter().map(|u| 3.0 * u).collect();
-    let Err(ClimbError::Broken(Broken::Output { name, value, limit, .. })) = run(&case.limits, &large) else { panic!() };
+    let Err(ClimbError::Broken(Broken::Output { name, value, limit, .. })) = run(&case.limits, &large) else {
+        panic!()
+    };
     assert!(value.abs() > limit.abs() && !name.is_empty());
     assert!(matches!(run(&case.limits, &case.start[..50]), Err(ClimbError::Length { found: 50, expected: 60 })));
     let scale = case.limits.largest_scale(&large).unwrap();
@@ -227,4 +255,49 @@ fn limits_on_changes_hold() {
     assert!(found.factor > 1.5, "{}", found.factor);
     assert!(found.input.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= 1.5));
     assert!(shares(&case, &found.input)[..5].iter().all(|share| *share <= 1.0));
+}
+
+/// Table 5.5 as it should be: the variances of refitted parameters under the best input over those under the start are the predicted ones.
+#[test]
+fn refitted_parameters_scatter_as_predicted() {
+    use volition::excite::design::refit::{Setting, refit};
+    use volition::num::distributions::f_cdf;
+    let case = case(300);
+    let settings = Settings { max_steps: 6, ..settings(Criterion::T) };
+    let best = climb(&case.information, &case.limits, &case.start, &settings, &Ctl::new()).unwrap().input;
+    let theta = chapter_five::plant().nominal();
+    let limits: Vec<[f64; 2]> = vec![[-1e12, 1e12]; 4].into_iter().chain(vec![[1e-6, 1e6]; 7]).collect();
+    // A tenth of a milliradian: small enough that first-order predictions hold for all eleven parameters.
+    let deviation = 1e-4;
+    let model = |theta: &[f64]| chapter_five::sampled(theta);
+    let setting = Setting {
+        model: &model,
+        theta: &theta,
+        bounds: limits,
+        channel: 0,
+        first: 1,
+        measured: &[0, 1],
+        noise: DMatrix::identity(2, 2) * deviation,
+    };
+    let records = 80;
+    let found = [&case.start, &best].map(|u| {
+        let name = if u == &case.start { "start" } else { "best" };
+        let refits = refit(&setting, u, records, 20_261_125, name, &Ctl::new()).unwrap().unwrap();
+        assert!(refits.failed <= 2, "{} fits failed", refits.failed);
+        let predicted = case.information.fisher(u).deviations().unwrap();
+        (refits.deviations().unwrap(), predicted.iter().map(|d| d * deviation).collect::<Vec<f64>>())
+    });
+    let freedom = records as f64 - 1.0;
+    for i in 0..theta.len() {
+        let ratio = (found[1].0[i] / found[0].0[i]).powi(2);
+        let predicted = (found[1].1[i] / found[0].1[i]).powi(2);
+        println!(
+            "{i}: {ratio:.3} predicted {predicted:.3}; {:.3} {:.3}",
+            found[0].0[i] / found[0].1[i],
+            found[1].0[i] / found[1].1[i]
+        );
+        // Both tails above 0.05/11/2: all eleven intervals hold together at 95 %.
+        let level = f_cdf(ratio / predicted, freedom, freedom);
+        assert!(level > 0.05 / 22.0 && level < 1.0 - 0.05 / 22.0, "{i}: {ratio} {predicted}");
+    }
 }

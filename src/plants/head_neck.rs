@@ -90,17 +90,7 @@ impl Axis {
         let population = self.population();
         let middle = population.controller.map(|[least, most]| 0.5 * (least + most));
         let [inertia, damping, stiffness] = population.body;
-        [
-            middle[0],
-            middle[1],
-            middle[2],
-            middle[3],
-            inertia,
-            damping,
-            stiffness,
-            MUSCLE_LAG_S,
-            DERIVATIVE_FILTER_S,
-        ]
+        [middle[0], middle[1], middle[2], middle[3], inertia, damping, stiffness, MUSCLE_LAG_S, DERIVATIVE_FILTER_S]
     }
 }
 
@@ -300,7 +290,10 @@ mod tests {
                 ];
                 for (i, row) in expected.iter().enumerate() {
                     for (j, expected) in row.iter().enumerate() {
-                        assert!((found[(i, j)] - expected).norm() < 1e-11 * expected.norm().max(1.0), "{i} {j} {omega}");
+                        assert!(
+                            (found[(i, j)] - expected).norm() < 1e-11 * expected.norm().max(1.0),
+                            "{i} {j} {omega}"
+                        );
                     }
                 }
             }
@@ -311,7 +304,8 @@ mod tests {
     fn the_delay_is_that_of_its_approximation() {
         let values = Axis::AxialRotation.nominal();
         let with = HeadNeck::new(values, vec![], Drive::Target { delay_order: 5 }).unwrap().realise(&[]).unwrap().model;
-        let without = HeadNeck::new(values, vec![], Drive::Target { delay_order: 0 }).unwrap().realise(&[]).unwrap().model;
+        let without =
+            HeadNeck::new(values, vec![], Drive::Target { delay_order: 0 }).unwrap().realise(&[]).unwrap().model;
         let s = Complex64::new(0.0, 5.0);
         let ratio = with.eval(s).unwrap()[(0, 0)] / without.eval(s).unwrap()[(0, 0)];
         assert!((ratio - (-s * values[3]).exp()).norm() < 1e-7);
@@ -329,7 +323,8 @@ mod tests {
                 for i in 0..3 {
                     values[4 + i] = population.body[i] * [0.8, 1.2][corner >> (3 + i) & 1];
                 }
-                let model = HeadNeck::new(values, vec![], Drive::SeenTargetAndNoise).unwrap().realise(&[]).unwrap().model;
+                let model =
+                    HeadNeck::new(values, vec![], Drive::SeenTargetAndNoise).unwrap().realise(&[]).unwrap().model;
                 assert!(model.poles().unwrap().iter().all(|p| p.re < 0.0), "{axis:?} {corner}");
             }
         }
@@ -342,6 +337,9 @@ mod tests {
         let refused = HeadNeck::new(values, vec![], Drive::SeenTargetAndNoise);
         assert!(matches!(refused, Err(HeadNeckError::Value { name: "inertia", .. })));
         let values = Axis::FlexionExtension.nominal();
-        assert!(matches!(HeadNeck::new(values, vec![1, 1], Drive::SeenTargetAndNoise), Err(HeadNeckError::Free { index: 1 })));
+        assert!(matches!(
+            HeadNeck::new(values, vec![1, 1], Drive::SeenTargetAndNoise),
+            Err(HeadNeckError::Free { index: 1 })
+        ));
     }
 }

@@ -4,6 +4,7 @@
 mod analyses;
 mod bad_input;
 mod conditional;
+mod designs;
 mod events;
 mod harness;
 mod inverse;

@@ -92,10 +92,10 @@ pub fn shares(case: &Case, u: &[f64]) -> [f64; 6] {
             / most
     };
     let outputs = &case.responses.outputs;
-    let correlation = |u: &[f64], lag: usize| (lag..n).map(|k| u[k] * u[k - lag]).sum::<f64>() / u.iter().map(|v| v * v).sum::<f64>();
-    let deviation = (0..n / 2)
-        .map(|lag| (correlation(u, lag) - correlation(&case.start, lag)).abs())
-        .fold(0.0, f64::max);
+    let correlation =
+        |u: &[f64], lag: usize| (lag..n).map(|k| u[k] * u[k - lag]).sum::<f64>() / u.iter().map(|v| v * v).sum::<f64>();
+    let deviation =
+        (0..n / 2).map(|lag| (correlation(u, lag) - correlation(&case.start, lag)).abs()).fold(0.0, f64::max);
     [
         u.iter().fold(0.0_f64, |peak, u| peak.max(u.abs())) / 20.0,
         direct(&outputs[0], 0.192),

@@ -62,8 +62,7 @@ impl Plan {
     /// # Errors
     /// A [`Problem`] with the JSON pointer of what is wrong.
     pub fn parse(request: &Request) -> Result<Self, Problem> {
-        let members =
-            request.inputs.as_object().ok_or_else(|| wrong("the inputs are no object", "/inputs"))?;
+        let members = request.inputs.as_object().ok_or_else(|| wrong("the inputs are no object", "/inputs"))?;
         for name in members.keys() {
             if !matches!(name.as_str(), "model" | "starts") {
                 return Err(wrong(format!("input_design takes no input {name:?}"), "/inputs")

@@ -291,8 +291,11 @@ impl Model {
                 && letters.all(|c| c.is_alphanumeric() || c == '_')
                 && !matches!(parameter.name.as_str(), "sin" | "cos" | "pi");
             if !is_name || names[..i].contains(&parameter.name) {
-                return Err(wrong(format!("{:?} is no name, or is there twice", parameter.name), format!("{here}/name"))
-                    .mend("A name is of letters, digits and _, begins with no digit, and is none of sin, cos, pi."));
+                return Err(wrong(
+                    format!("{:?} is no name, or is there twice", parameter.name),
+                    format!("{here}/name"),
+                )
+                .mend("A name is of letters, digits and _, begins with no digit, and is none of sin, cos, pi."));
             }
             let (lower, upper) = (parameter.lower.unwrap_or(-LARGEST), parameter.upper.unwrap_or(LARGEST));
             if !(lower < upper && lower <= parameter.value && parameter.value <= upper) {
@@ -362,12 +365,10 @@ impl Model {
         let limits =
             written.parameters.iter().map(|p| [p.lower.unwrap_or(-LARGEST), p.upper.unwrap_or(LARGEST)]).collect();
         let known = match written.sample_time_s {
-            None => {
-                Known::Continuous(Formulas { time: Continuous, values, free, names, limits, a, b, c, d, initial })
-            }
+            None => Known::Continuous(Formulas { time: Continuous, values, free, names, limits, a, b, c, d, initial }),
             Some(period) => {
-                let time = Discrete::new(period)
-                    .map_err(|error| wrong(error.to_string(), format!("{at}/sample_time_s")))?;
+                let time =
+                    Discrete::new(period).map_err(|error| wrong(error.to_string(), format!("{at}/sample_time_s")))?;
                 Known::Sampled(Formulas { time, values, free, names, limits, a, b, c, d, initial })
             }
         };

@@ -96,10 +96,8 @@ impl<'a> Task<'a> {
         let time = Discrete::new(spec.sample_time_s).map_err(overflow)?;
         let at = model.sampled(&theta, time).map_err(overflow)?;
         let responses = Responses::new(&at, spec.written.input, spec.written.samples).map_err(overflow)?;
-        let information =
-            Information::new(&responses, &spec.measured, &spec.covariance, &spec.scales).ok_or_else(|| {
-                wrong("the covariance of the noise is not positive definite", "/spec/noise_covariance")
-            })?;
+        let information = Information::new(&responses, &spec.measured, &spec.covariance, &spec.scales)
+            .ok_or_else(|| wrong("the covariance of the noise is not positive definite", "/spec/noise_covariance"))?;
         let place = |name: &String| model.outputs.iter().position(|known| known == name).unwrap_or(0);
         let written = &spec.written.limits;
         let mut outputs: Vec<OutputLimit> = written
@@ -226,10 +224,9 @@ impl<'a> Task<'a> {
             .enumerate()
             .filter_map(|(i, result)| Some(format!("start {i}: {}", result.refused.as_ref()?)))
             .collect();
-        let undetermined =
-            starts.iter().find_map(|start| self.information.fisher(start).undetermined()).filter(|_| {
-                self.spec.written.criterion.needs_inverse() && reasons.iter().all(|r| r.contains("no information"))
-            });
+        let undetermined = starts.iter().find_map(|start| self.information.fisher(start).undetermined()).filter(|_| {
+            self.spec.written.criterion.needs_inverse() && reasons.iter().all(|r| r.contains("no information"))
+        });
         if let Some(undetermined) = undetermined {
             let combination = self.combination(&undetermined.weights);
             let words: Vec<String> = combination.iter().map(|(name, w)| format!("{w:+.3} {name}")).collect();
@@ -332,8 +329,11 @@ impl<'a> Task<'a> {
         let limits = self.limit_results(&best, &outputs_after);
         if let Some(broken) = limits.iter().find(|limit| !(limit.slack >= -1e-12 * (limit.range[1] - limit.range[0]))) {
             // The recursion and the convolution differ by more than rounding: the model's own numbers are not to be trusted.
-            let detail = format!("recomputed from the model's recursion, {} breaks its limit by {}", broken.name, -broken.slack);
-            return Err(Problem::new(Code::Numerical, "the design does not stand its proof", detail).at("/inputs/model"));
+            let detail =
+                format!("recomputed from the model's recursion, {} breaks its limit by {}", broken.name, -broken.slack);
+            return Err(
+                Problem::new(Code::Numerical, "the design does not stand its proof", detail).at("/inputs/model")
+            );
         }
         let deviations = before.deviations().zip(after.deviations());
         let (matrix_before, matrix_after) = (before.matrix(), after.matrix());
@@ -389,7 +389,10 @@ impl<'a> Task<'a> {
             let words: Vec<String> = undetermined.iter().map(|(name, w)| format!("{w:+.3} {name}")).collect();
             warnings.push(Warning::new(
                 "not_determined",
-                format!("the experiment does not determine {} (in units of their scales); there are no standard deviations", words.join(" ")),
+                format!(
+                    "the experiment does not determine {} (in units of their scales); there are no standard deviations",
+                    words.join(" ")
+                ),
             ));
         }
         Ok(InputDesignResult {
@@ -444,7 +447,8 @@ impl<'a> Task<'a> {
         }
         let failed = [refits[0].failed, refits[1].failed];
         let (spread, means) = (refits.iter().map(|r| r.deviations()), refits.iter().map(|r| r.means()));
-        let (Some(spread), Some(means)) = (spread.collect::<Option<Vec<_>>>(), means.collect::<Option<Vec<_>>>()) else {
+        let (Some(spread), Some(means)) = (spread.collect::<Option<Vec<_>>>(), means.collect::<Option<Vec<_>>>())
+        else {
             warnings.push(Warning::new("not_simulated", "fewer than two simulated records could be fitted"));
             return Ok(None);
         };
@@ -488,10 +492,19 @@ impl<'a> Task<'a> {
         if failed != [0, 0] {
             warnings.push(Warning::new(
                 "refits_failed",
-                format!("{} and {} of {} fits did not converge and are left out", failed[0], failed[1], asked.replicates),
+                format!(
+                    "{} and {} of {} fits did not converge and are left out",
+                    failed[0], failed[1], asked.replicates
+                ),
             ));
         }
-        Ok(Some(MonteCarloResult { replicates: asked.replicates, failed, joint_level: JOINT_LEVEL, parameters, all_within }))
+        Ok(Some(MonteCarloResult {
+            replicates: asked.replicates,
+            failed,
+            joint_level: JOINT_LEVEL,
+            parameters,
+            all_within,
+        }))
     }
 }
 
@@ -541,7 +554,8 @@ fn findings(task: &Task<'_>, results: &[StartResult], best: &Reached, warnings: 
         }
     }
     if best.climb.stop == Stop::StepLimit {
-        warnings.push(Warning::new("not_converged", format!("the best climb was stopped after {} steps", spec.max_steps)));
+        warnings
+            .push(Warning::new("not_converged", format!("the best climb was stopped after {} steps", spec.max_steps)));
     }
     let fisher = task.information.fisher(&best.climb.input);
     let matrix = fisher.matrix();
@@ -576,7 +590,10 @@ fn findings(task: &Task<'_>, results: &[StartResult], best: &Reached, warnings: 
         if !large.is_empty() {
             warnings.push(Warning::new(
                 "large_deviation",
-                format!("even with the best input {} will be known to no better than 30 %: there the prediction is rough", large.join(", ")),
+                format!(
+                    "even with the best input {} will be known to no better than 30 %: there the prediction is rough",
+                    large.join(", ")
+                ),
             ));
         }
     }

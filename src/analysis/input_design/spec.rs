@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
 /// Samples at most.
-pub(super) const MAX_SAMPLES: usize = 3_000;
+pub(super) const MAX_SAMPLES: usize = 2_000;
 /// Records simulated and fitted at most.
 const MAX_REPLICATES: usize = 2_000;
 /// Steps at most.
@@ -112,7 +112,7 @@ fn seed() -> u64 {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InputDesignSpec {
-    /// Length of the record in samples, N: 10 to 3,000.
+    /// Length of the record in samples, N: 10 to 2,000.
     pub samples: usize,
     /// Sample time in seconds; that of the model, where it is a sampled one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -179,12 +179,18 @@ impl CheckedSpec {
         let mut written: InputDesignSpec = read(members)?;
         let wrong = |detail: String, field: &str| wrong(detail, format!("/spec/{field}"));
         if !(10..=MAX_SAMPLES).contains(&written.samples) {
-            return Err(wrong(format!("there are {} samples; 10 to {MAX_SAMPLES} are taken", written.samples), "samples"));
+            return Err(wrong(
+                format!("there are {} samples; 10 to {MAX_SAMPLES} are taken", written.samples),
+                "samples",
+            ));
         }
         let sample_time_s = match (written.sample_time_s, model.sample_time_s()) {
             (Some(own), Some(models)) if own != models => {
-                return Err(wrong(format!("the sample time is {own} s, and that of the model {models} s"), "sample_time_s")
-                    .mend("Leave it out: a sampled model has its own."));
+                return Err(wrong(
+                    format!("the sample time is {own} s, and that of the model {models} s"),
+                    "sample_time_s",
+                )
+                .mend("Leave it out: a sampled model has its own."));
             }
             (None, None) => {
                 return Err(wrong("the model is continuous, and no sample time is given".to_owned(), "sample_time_s")
@@ -206,11 +212,8 @@ impl CheckedSpec {
             })
         };
         let names = written.measured.get_or_insert_with(|| model.measured.clone());
-        let measured: Vec<usize> = names
-            .iter()
-            .enumerate()
-            .map(|(i, name)| place(name, format!("measured/{i}")))
-            .collect::<Result<_, _>>()?;
+        let measured: Vec<usize> =
+            names.iter().enumerate().map(|(i, name)| place(name, format!("measured/{i}"))).collect::<Result<_, _>>()?;
         if measured.is_empty() || (0..measured.len()).any(|i| measured[..i].contains(&measured[i])) {
             return Err(wrong("no output is measured, or one of them twice".to_owned(), "measured"));
         }
@@ -289,7 +292,10 @@ impl CheckedSpec {
             let field = "limits/autocorrelation";
             let beta = correlation.tolerance;
             if !(beta > 0.0 && beta < 2.0) {
-                return Err(wrong(format!("the tolerance is {beta}, and must lie between 0 and 2"), &format!("{field}/tolerance")));
+                return Err(wrong(
+                    format!("the tolerance is {beta}, and must lie between 0 and 2"),
+                    &format!("{field}/tolerance"),
+                ));
             }
             let margin = *correlation.margin.get_or_insert(beta / 8.0);
             if !(margin >= 0.0 && margin < beta) {
@@ -320,10 +326,16 @@ impl CheckedSpec {
             return Err(wrong(format!("the trust region is {radius}, and must be positive"), "trust_region"));
         }
         if !(written.tolerance > 0.0 && written.tolerance < 1.0) {
-            return Err(wrong(format!("the tolerance is {}, and must lie between 0 and 1", written.tolerance), "tolerance"));
+            return Err(wrong(
+                format!("the tolerance is {}, and must lie between 0 and 1", written.tolerance),
+                "tolerance",
+            ));
         }
         if !(1..=MAX_STEPS).contains(&written.max_steps) {
-            return Err(wrong(format!("there are {} steps; 1 to {MAX_STEPS} are made", written.max_steps), "max_steps"));
+            return Err(wrong(
+                format!("there are {} steps; 1 to {MAX_STEPS} are made", written.max_steps),
+                "max_steps",
+            ));
         }
         if let Some(monte_carlo) = &written.monte_carlo
             && !(10..=MAX_REPLICATES).contains(&monte_carlo.replicates)

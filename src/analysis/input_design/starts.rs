@@ -45,8 +45,11 @@ pub(super) struct Starts(Vec<Start>);
 
 impl Starts {
     pub fn parse(value: Option<&Value>, spec: &CheckedSpec) -> Result<Self, Problem> {
-        const FORMS: &str = "Give a list of starts, each an array of samples or a sequence {\"generator\": .., \"sample_time_s\": ..}.";
-        let list = value.and_then(Value::as_array).ok_or_else(|| wrong("there is no list of starts", "/inputs/starts").mend(FORMS))?;
+        const FORMS: &str =
+            "Give a list of starts, each an array of samples or a sequence {\"generator\": .., \"sample_time_s\": ..}.";
+        let list = value
+            .and_then(Value::as_array)
+            .ok_or_else(|| wrong("there is no list of starts", "/inputs/starts").mend(FORMS))?;
         if !(1..=MOST).contains(&list.len()) {
             return Err(wrong(format!("there are {} starts; 1 to {MOST} are taken", list.len()), "/inputs/starts"));
         }
@@ -65,7 +68,10 @@ impl Starts {
                 .map_err(|error| wrong(error.to_string(), at.clone()).mend(FORMS))?;
             if written.sample_time_s != spec.sample_time_s {
                 return Err(wrong(
-                    format!("the sequence is sampled every {} s, the record every {} s", written.sample_time_s, spec.sample_time_s),
+                    format!(
+                        "the sequence is sampled every {} s, the record every {} s",
+                        written.sample_time_s, spec.sample_time_s
+                    ),
                     format!("{at}/sample_time_s"),
                 ));
             }

@@ -128,24 +128,11 @@ impl Plan {
             ("/inputs/population".to_owned(), sha256_json(&json!(checked.inputs.population))),
         ]);
         let seed = Some(spec.seed);
-        Ok(Report::new(
-            Kind::RobustInputDesign,
-            RESULT_VERSION,
-            json!(result),
-            warnings,
-            json!(spec),
-            hashes,
-            seed,
-        ))
+        Ok(Report::new(Kind::RobustInputDesign, RESULT_VERSION, json!(result), warnings, json!(spec), hashes, seed))
     }
 
     /// The worst of an experiment's worst subjects, with draws that the search has never seen.
-    fn fresh(
-        &self,
-        worst: &Worst,
-        drawn: &[crate::excite::robust::Draw],
-        ctl: &Ctl,
-    ) -> Result<Fresh, Failure> {
+    fn fresh(&self, worst: &Worst, drawn: &[crate::excite::robust::Draw], ctl: &Ctl) -> Result<Fresh, Failure> {
         let setting = &self.checked.setting;
         let target = setting.target(worst.gamma, ctl).map_err(|error| sequence(&error))?;
         let mut most: Option<(f64, [f64; 4], Vec<DrawCost>)> = None;
@@ -232,7 +219,10 @@ fn findings(
     if !outcome.closed {
         warnings.push(Warning::new(
             "not_closed",
-            format!("after {} rounds the search still met worse subjects than it had taken into account", outcome.rounds),
+            format!(
+                "after {} rounds the search still met worse subjects than it had taken into account",
+                outcome.rounds
+            ),
         ));
     }
     for (name, fresh) in [("nominal", nominal), ("robust", robust)] {
@@ -251,7 +241,9 @@ fn findings(
         if value == lower || value == upper {
             warnings.push(Warning::new(
                 "at_the_edge",
-                format!("the robust {name} is {value}, at the edge of its range: a wider one may hold a better experiment"),
+                format!(
+                    "the robust {name} is {value}, at the edge of its range: a wider one may hold a better experiment"
+                ),
             ));
         }
     }

@@ -190,7 +190,11 @@ pub(super) struct Checked {
 }
 
 /// Members one at a time, since the deserialiser does not say where it stopped.
-fn members<'a, T: serde::de::DeserializeOwned>(value: &'a Value, plain: &Value, at: &str) -> Result<&'a Map<String, Value>, Problem> {
+fn members<'a, T: serde::de::DeserializeOwned>(
+    value: &'a Value,
+    plain: &Value,
+    at: &str,
+) -> Result<&'a Map<String, Value>, Problem> {
     let members = value.as_object().ok_or_else(|| wrong("this is no object", at))?;
     for (name, value) in members {
         let mut alone = plain.clone();
@@ -281,8 +285,8 @@ impl Checked {
         let experiment = &spec.experiment;
         let at = |field: &str| format!("/spec/experiment/{field}");
         let gamma_box = [range(experiment.edge_hz, &at("edge_hz"))?, range(experiment.width_m, &at("width_m"))?];
-        let time = Discrete::new(experiment.sample_time_s)
-            .map_err(|error| wrong(error.to_string(), at("sample_time_s")))?;
+        let time =
+            Discrete::new(experiment.sample_time_s).map_err(|error| wrong(error.to_string(), at("sample_time_s")))?;
         for (value, field) in [
             (experiment.duration_s, "duration_s"),
             (experiment.distance_m, "distance_m"),
@@ -304,12 +308,18 @@ impl Checked {
         }
         let samples = experiment.duration_s / experiment.sample_time_s;
         if !(20.0..=MAX_SAMPLES as f64).contains(&samples) {
-            return Err(wrong(format!("a record has {samples} samples; 20 to {MAX_SAMPLES} are taken"), at("duration_s")));
+            return Err(wrong(
+                format!("a record has {samples} samples; 20 to {MAX_SAMPLES} are taken"),
+                at("duration_s"),
+            ));
         }
         positive(spec.muscle_lag_s, "/spec/muscle_lag_s")?;
         positive(spec.derivative_filter_s, "/spec/derivative_filter_s")?;
         if !(0.0..1.0).contains(&spec.body_spread) {
-            return Err(wrong(format!("the spread is {}, and must be from 0 to below 1", spec.body_spread), "/spec/body_spread"));
+            return Err(wrong(
+                format!("the spread is {}, and must be from 0 to below 1", spec.body_spread),
+                "/spec/body_spread",
+            ));
         }
         let counts = [
             ("draws", spec.draws, 2, MAX_DRAWS),
@@ -319,7 +329,10 @@ impl Checked {
         ];
         for (field, count, least, most) in counts {
             if !(least..=most).contains(&count) {
-                return Err(wrong(format!("it is {count}, and must be from {least} to {most}"), format!("/spec/{field}")));
+                return Err(wrong(
+                    format!("it is {count}, and must be from {least} to {most}"),
+                    format!("/spec/{field}"),
+                ));
             }
         }
         let evaluations = crate::excite::robust::search::expected_evaluations(spec.max_iterations, spec.rounds);

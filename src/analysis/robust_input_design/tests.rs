@@ -21,9 +21,16 @@ fn the_worst_subject_is_no_worse_off_than_with_the_nominal_experiment() {
         let number = |value: &Value| value.as_f64().unwrap();
         println!(
             "{axis}: robust {} {} worst {} fresh {:?}; nominal {} {} worst {} fresh {:?}; {}; {} evaluations",
-            result["robust"]["edge_hz"], result["robust"]["width_m"], result["robust"]["worst_cost"], result["robust"]["fresh"]["interval"],
-            result["nominal"]["edge_hz"], result["nominal"]["width_m"], result["nominal"]["worst_cost"], result["nominal"]["fresh"]["interval"],
-            result["difference"], result["evaluations"]
+            result["robust"]["edge_hz"],
+            result["robust"]["width_m"],
+            result["robust"]["worst_cost"],
+            result["robust"]["fresh"]["interval"],
+            result["nominal"]["edge_hz"],
+            result["nominal"]["width_m"],
+            result["nominal"]["worst_cost"],
+            result["nominal"]["fresh"]["interval"],
+            result["difference"],
+            result["evaluations"]
         );
         assert!(number(&result["robust"]["worst_cost"]) <= number(&result["nominal"]["worst_cost"]));
         assert_eq!(result["difference"]["no_worse"], json!(true), "{}", result["difference"]);
@@ -53,9 +60,24 @@ fn impossible_experiments_are_named() {
         (axis.clone(), json!({"experiment": {"duration_s": 0.1}}), "/spec/experiment/duration_s", "samples"),
         (axis.clone(), json!({"draws": 1}), "/spec/draws", "from 2"),
         (axis.clone(), json!({"start": [5, 1]}), "/spec/start/0", "outside"),
-        (axis.clone(), json!({"average_subject": {"k_p": 9, "k_d": 0.2, "k_i": 15, "tau": 0.25}}), "/spec/average_subject/k_p", "outside"),
-        (json!({"axis": "flexion_extension", "population": {"controller": {"k_i": [12, 900]}}}), json!({}), "/inputs/population", "not stable"),
-        (json!({"axis": "flexion_extension", "population": {"inertia": -1}}), json!({}), "/inputs/population/inertia", "positive"),
+        (
+            axis.clone(),
+            json!({"average_subject": {"k_p": 9, "k_d": 0.2, "k_i": 15, "tau": 0.25}}),
+            "/spec/average_subject/k_p",
+            "outside",
+        ),
+        (
+            json!({"axis": "flexion_extension", "population": {"controller": {"k_i": [12, 900]}}}),
+            json!({}),
+            "/inputs/population",
+            "not stable",
+        ),
+        (
+            json!({"axis": "flexion_extension", "population": {"inertia": -1}}),
+            json!({}),
+            "/inputs/population/inertia",
+            "positive",
+        ),
         (axis.clone(), json!({"order": 3}), "/spec/order", "unknown field"),
     ];
     for (inputs, spec, at, words) in cases {
@@ -63,7 +85,8 @@ fn impossible_experiments_are_named() {
         assert_eq!(problem.location.as_deref(), Some(at), "{problem}");
         assert!(problem.detail.contains(words), "{problem}");
     }
-    let problem = with(axis, json!({"draws": 2000, "experiment": {"duration_s": 300}, "max_iterations": 200, "rounds": 20}));
+    let problem =
+        with(axis, json!({"draws": 2000, "experiment": {"duration_s": 300}, "max_iterations": 200, "rounds": 20}));
     assert_eq!(problem.code, Code::Unaffordable);
 }
 

@@ -69,10 +69,11 @@ impl Information {
     pub fn new(responses: &Responses, measured: &[usize], covariance: &DMatrix<f64>, scales: &[f64]) -> Option<Self> {
         assert_eq!(covariance.nrows(), measured.len(), "a covariance of the measured outputs");
         assert_eq!(scales.len(), responses.slopes.len(), "a scale for every parameter");
-        let white = covariance.clone().cholesky()?.l().solve_lower_triangular(&DMatrix::identity(
-            measured.len(),
-            measured.len(),
-        ))?;
+        let white = covariance
+            .clone()
+            .cholesky()?
+            .l()
+            .solve_lower_triangular(&DMatrix::identity(measured.len(), measured.len()))?;
         let slopes = responses
             .slopes
             .iter()
@@ -226,12 +227,12 @@ impl Fisher {
             return Some(Undetermined { weights: vec![0.0; self.scales.len()], eigenvalue: 0.0 });
         }
         let eigen = normalised.symmetric_eigen();
-        let (least, eigenvalue) =
-            eigen.eigenvalues.iter().copied().enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let (least, eigenvalue) = eigen.eigenvalues.iter().copied().enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
         (eigenvalue < UNDETERMINED).then(|| {
             let unit = self.unit();
             let vector = eigen.eigenvectors.column(least);
-            let weights = DVector::from_fn(unit.len(), |i, _| if unit[i] > 0.0 { vector[i] * unit[i] } else { vector[i] });
+            let weights =
+                DVector::from_fn(unit.len(), |i, _| if unit[i] > 0.0 { vector[i] * unit[i] } else { vector[i] });
             let length = weights.norm().max(f64::MIN_POSITIVE);
             Undetermined { weights: weights.iter().map(|w| w / length).collect(), eigenvalue }
         })

@@ -96,11 +96,7 @@ impl Responses {
     ///
     /// # Panics
     /// If there is no such input, which is a mistake of the caller.
-    pub fn new(
-        model: &Differentiated<Discrete>,
-        channel: usize,
-        samples: usize,
-    ) -> Result<Self, SimulationError> {
+    pub fn new(model: &Differentiated<Discrete>, channel: usize, samples: usize) -> Result<Self, SimulationError> {
         let inputs = model.value.model.inputs();
         assert!(channel < inputs, "an input of the model");
         let direct = model.value.model.d().column(channel).iter().any(|d| *d != 0.0)

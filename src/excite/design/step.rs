@@ -171,7 +171,9 @@ impl Rows<'_> {
         for output in &self.limits.outputs {
             // Σ|h| up to each sample, times the largest size: at least what the row can reach.
             let mut sum = 0.0;
-            running.push(output.response.impulse.iter().map(|h| (sum += h.abs(), sum * self.radius * largest).1).collect());
+            running.push(
+                output.response.impulse.iter().map(|h| (sum += h.abs(), sum * self.radius * largest).1).collect(),
+            );
         }
         let mut kept = Vec::new();
         for (row, range) in self.all().into_iter().zip(self.ranges()) {
@@ -198,7 +200,7 @@ impl Rows<'_> {
 /// [`BoxedError`]; never `Empty`.
 ///
 /// # Panics
-/// If the gradient is as long as the input is not, which is a mistake of the caller.
+/// If gradient and input differ in length, which is a mistake of the caller.
 pub fn step(
     limits: &Limits,
     u: &[f64],

@@ -270,11 +270,7 @@ fn cost(setting: &Setting, theta: [f64; 4], target: &[f64], draw: &Draw, ctl: &C
     };
     let error = found.iter().zip(theta).map(|(found, theta)| ((found - theta) / theta).powi(2)).sum();
     // Acceleration, torque and angle, in the order of the weights.
-    let limits = [
-        (2, population.acceleration_rad_s2),
-        (1, population.torque_nm),
-        (0, population.angle_rad),
-    ];
+    let limits = [(2, population.acceleration_rad_s2), (1, population.torque_nm), (0, population.angle_rad)];
     let excursions = std::array::from_fn(|i| {
         let (column, limit) = limits[i];
         population.weights[i] / limit * motion.iter().map(|m| (m[column].abs() - limit).max(0.0)).sum::<f64>()
@@ -340,7 +336,8 @@ mod tests {
         let (seen, _) = seen(&wide, 0.27, 0.02);
         let input = DMatrix::from_fn(wide.len(), 2, |k, j| if j == 0 { seen[k] } else { 0.0 });
         let output = model.respond(&input).unwrap().output;
-        for (i, (column, limit, weight)) in [(2, 6.36, 70.0), (1, 7.87, 63.6), (0, 0.218, 21.8)].into_iter().enumerate() {
+        for (i, (column, limit, weight)) in [(2, 6.36, 70.0), (1, 7.87, 63.6), (0, 0.218, 21.8)].into_iter().enumerate()
+        {
             let sum: f64 = output.column(column).iter().filter(|y| y.abs() > limit).map(|y| y.abs() - limit).sum();
             assert!((found.excursions[i] - weight * sum / limit).abs() < 1e-9 * (1.0 + sum), "{i} {found:?}");
         }
