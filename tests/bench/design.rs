@@ -9,6 +9,7 @@ use volition::excite::design::{Criterion, Settings, climb};
 use volition::num::Ctl;
 
 #[path = "../support/chapter_five.rs"]
+#[allow(dead_code, reason = "the tests use all of it")]
 mod chapter_five;
 
 fn main() {

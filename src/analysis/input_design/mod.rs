@@ -15,7 +15,9 @@
 //! ```
 //! The method is that of [`excite::design`](crate::excite::design).
 
+mod findings;
 mod model;
+mod monte_carlo;
 mod result;
 mod run;
 mod spec;

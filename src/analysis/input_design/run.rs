@@ -1,9 +1,11 @@
 //! The design: climbs from every start, and the proof of the best.
 
+use super::findings::of_climbs;
 use super::model::Model;
+use super::monte_carlo::monte_carlo;
 use super::result::{
-    DesignProof, InformationResult, InputDesignResult, LimitResult, MonteCarloParameter, MonteCarloResult,
-    ParameterResult, SignalResult, StartResult,
+    DesignProof, InformationResult, InputDesignResult, LimitResult, MonteCarloResult, ParameterResult, SignalResult,
+    StartResult,
 };
 use super::spec::CheckedSpec;
 use super::starts::Starts;
@@ -14,43 +16,35 @@ use crate::analysis::report::Warning;
 use crate::control::Discrete;
 use crate::control::parametric::Differentiated;
 use crate::excite::design::limits::autocorrelation;
-use crate::excite::design::refit::{Setting, refit};
 use crate::excite::design::{
     Autocorrelation, Climb, ClimbError, Criterion, Fisher, Information, Limits, OutputLimit, Response, Responses,
-    Settings, Stop, climb, factor,
+    Settings, Stop, climb,
 };
 use crate::num::Ctl;
-use crate::num::distributions::f_cdf;
 use nalgebra::DMatrix;
 
 /// The trust region is halved until it is this share of what it begins with.
 const LEAST_RADIUS: f64 = 1.0 / 64.0;
-/// A predicted standard deviation above this share of the parameter makes first-order predictions doubtful.
-const LARGE_DEVIATION: f64 = 0.3;
-/// A parameter with more than this share of the trace decides a T-optimal design alone.
-const LARGE_SHARE: f64 = 0.5;
-/// The level at which all intervals of a simulation hold together.
-const JOINT_LEVEL: f64 = 0.95;
 
 /// Everything that a climb needs.
-struct Task<'a> {
-    model: &'a Model,
-    spec: &'a CheckedSpec,
-    theta: Vec<f64>,
+pub(super) struct Task<'a> {
+    pub model: &'a Model,
+    pub spec: &'a CheckedSpec,
+    pub theta: Vec<f64>,
     at: Differentiated<Discrete>,
-    time: Discrete,
-    responses: Responses,
-    information: Information,
+    pub time: Discrete,
+    pub responses: Responses,
+    pub information: Information,
     limits: Limits,
 }
 
 /// A climb that came to something.
-struct Reached {
+pub(super) struct Reached {
     place: usize,
-    start: Vec<f64>,
+    pub start: Vec<f64>,
     limits: Limits,
-    climb: Climb,
-    value: f64,
+    pub climb: Climb,
+    pub value: f64,
 }
 
 pub(super) fn run(
@@ -79,12 +73,12 @@ pub(super) fn run(
         }
     }
     let Some(best) = best else { return Err(task.nothing(&starts, &results).into()) };
-    findings(&task, &results, &best, &mut warnings);
-    let monte_carlo = task.monte_carlo(&best, &mut warnings, ctl)?;
+    of_climbs(&task, &results, &best, &mut warnings);
+    let monte_carlo = monte_carlo(&task, &best, &mut warnings, ctl)?;
     Ok((task.result(results, best, monte_carlo, &mut warnings)?, warnings))
 }
 
-fn overflow(error: impl std::fmt::Display) -> Problem {
+pub(super) fn overflow(error: impl std::fmt::Display) -> Problem {
     Problem::new(Code::Numerical, "the model leaves the finite numbers", error.to_string())
         .at("/inputs/model")
         .mend("Shorten the record, or mend the model: it may be unstable.")
@@ -411,190 +405,5 @@ impl<'a> Task<'a> {
             start_input: best.start,
             input: best.climb.input,
         })
-    }
-
-    fn monte_carlo(
-        &self,
-        best: &Reached,
-        warnings: &mut Vec<Warning>,
-        ctl: &Ctl,
-    ) -> Result<Option<MonteCarloResult>, Failure> {
-        let Some(asked) = &self.spec.written.monte_carlo else { return Ok(None) };
-        let inputs = [&best.start, &best.climb.input];
-        let predicted = inputs.map(|u| self.information.fisher(u).deviations());
-        let [Some(before), Some(after)] = predicted else {
-            warnings.push(Warning::new(
-                "not_simulated",
-                "no records were simulated: a combination of parameters is not determined, and no fit would converge",
-            ));
-            return Ok(None);
-        };
-        let model = |theta: &[f64]| self.model.sampled(theta, self.time).ok();
-        let noise = self.spec.covariance.clone().cholesky().map(|factor| factor.l()).unwrap_or_default();
-        let setting = Setting {
-            model: &model,
-            theta: &self.theta,
-            bounds: self.model.limits(),
-            channel: self.spec.written.input,
-            first: self.responses.first,
-            measured: &self.spec.measured,
-            noise,
-        };
-        let mut refits = Vec::new();
-        for (u, name) in inputs.into_iter().zip(["start", "best"]) {
-            let found = refit(&setting, u, asked.replicates, asked.seed, name, ctl)?;
-            refits.push(found.ok_or_else(|| overflow("the model is not defined at its own parameters"))?);
-        }
-        let failed = [refits[0].failed, refits[1].failed];
-        let (spread, means) = (refits.iter().map(|r| r.deviations()), refits.iter().map(|r| r.means()));
-        let (Some(spread), Some(means)) = (spread.collect::<Option<Vec<_>>>(), means.collect::<Option<Vec<_>>>())
-        else {
-            warnings.push(Warning::new("not_simulated", "fewer than two simulated records could be fitted"));
-            return Ok(None);
-        };
-        let names = self.model.names();
-        let level = 1.0 - (1.0 - JOINT_LEVEL) / names.len() as f64;
-        let freedom = refits.iter().map(|r| r.parameters.len() as f64 - 1.0).collect::<Vec<_>>();
-        let tail = 0.5 * (1.0 - level);
-        let quantiles = [1.0 - tail, tail].map(|p| f_quantile(p, freedom[1], freedom[0]));
-        let parameters: Vec<MonteCarloParameter> = names
-            .into_iter()
-            .enumerate()
-            .filter(|(i, _)| spread.iter().all(|s| s[*i] > 0.0))
-            .map(|(i, name)| {
-                let ratio = (spread[1][i] / spread[0][i]).powi(2);
-                let interval = quantiles.map(|q| ratio / q);
-                let predicted_ratio = (after[i] / before[i]).powi(2);
-                MonteCarloParameter {
-                    name,
-                    bias: [means[0][i] - self.theta[i], means[1][i] - self.theta[i]],
-                    standard_deviation: [spread[0][i], spread[1][i]],
-                    over_predicted: [spread[0][i] / before[i], spread[1][i] / after[i]],
-                    variance_ratio: ratio,
-                    interval,
-                    predicted_ratio,
-                    within: interval[0] <= predicted_ratio && predicted_ratio <= interval[1],
-                }
-            })
-            .collect();
-        let all_within = parameters.iter().all(|p| p.within);
-        if !all_within {
-            let outside: Vec<&str> = parameters.iter().filter(|p| !p.within).map(|p| p.name.as_str()).collect();
-            warnings.push(Warning::new(
-                "prediction_missed",
-                format!(
-                    "the simulated variance ratios of {} do not agree with the predicted ones: at this noise the parameters' distribution is \
-                     not that of the first order",
-                    outside.join(", ")
-                ),
-            ));
-        }
-        if failed != [0, 0] {
-            warnings.push(Warning::new(
-                "refits_failed",
-                format!(
-                    "{} and {} of {} fits did not converge and are left out",
-                    failed[0], failed[1], asked.replicates
-                ),
-            ));
-        }
-        Ok(Some(MonteCarloResult {
-            replicates: asked.replicates,
-            failed,
-            joint_level: JOINT_LEVEL,
-            parameters,
-            all_within,
-        }))
-    }
-}
-
-/// The value that F with these degrees of freedom stays below with probability p.
-fn f_quantile(p: f64, numerator: f64, denominator: f64) -> f64 {
-    let (mut low, mut high) = (0.0, 1.0);
-    while f_cdf(high, numerator, denominator) < p && high < 1e12 {
-        high *= 2.0;
-    }
-    for _ in 0..100 {
-        let middle = 0.5 * (low + high);
-        if f_cdf(middle, numerator, denominator) < p { low = middle } else { high = middle }
-    }
-    0.5 * (low + high)
-}
-
-/// What a scientist must read of the climbs.
-fn findings(task: &Task<'_>, results: &[StartResult], best: &Reached, warnings: &mut Vec<Warning>) {
-    let spec = &task.spec.written;
-    if spec.noise_covariance.is_none() {
-        warnings.push(Warning::new(
-            "noise_assumed",
-            "no noise_covariance is given: noise of variance 1 in the units of the outputs is assumed, and standard deviations scale with \
-             the noise's",
-        ));
-    }
-    for (i, result) in results.iter().enumerate() {
-        if let Some(reason) = &result.refused {
-            warnings.push(Warning::new("start_refused", format!("start {i} was not used: {reason}")));
-        }
-    }
-    let used: Vec<f64> = results.iter().filter_map(|result| result.reached).collect();
-    let parameters = task.information.parameters();
-    let worst = used.iter().copied().fold(f64::INFINITY, f64::min);
-    if used.len() < 2 {
-        warnings.push(Warning::new(
-            "one_start",
-            "the design is a local optimum reached from one start; others may lead further",
-        ));
-    } else {
-        let spread = factor(spec.criterion, best.value, worst, parameters);
-        if spread > 1.02 {
-            warnings.push(Warning::new(
-                "starts_disagree",
-                format!("the climbs end at different local optima; the best is {spread:.3} times as good as the worst"),
-            ));
-        }
-    }
-    if best.climb.stop == Stop::StepLimit {
-        warnings
-            .push(Warning::new("not_converged", format!("the best climb was stopped after {} steps", spec.max_steps)));
-    }
-    let fisher = task.information.fisher(&best.climb.input);
-    let matrix = fisher.matrix();
-    if spec.criterion == Criterion::T && parameters > 1 {
-        let names = task.model.names();
-        if let Some((name, share)) = names
-            .iter()
-            .enumerate()
-            .map(|(i, name)| (name, matrix[(i, i)] / matrix.trace()))
-            .max_by(|a, b| a.1.total_cmp(&b.1))
-            .filter(|(_, share)| *share > LARGE_SHARE)
-        {
-            warnings.push(Warning::new(
-                "trace_dominated",
-                format!(
-                    "{:.0} % of the trace is {name}'s, by its units: the design serves that parameter above all; scaled_t, d and a do not \
-                     depend on units in this way",
-                    100.0 * share
-                ),
-            ));
-        }
-    }
-    if let Some(deviations) = fisher.deviations().filter(|_| spec.noise_covariance.is_some()) {
-        let large: Vec<String> = task
-            .model
-            .names()
-            .into_iter()
-            .zip(deviations.iter().zip(&task.theta))
-            .filter(|(_, (deviation, value))| **deviation > LARGE_DEVIATION * value.abs())
-            .map(|(name, _)| name)
-            .collect();
-        if !large.is_empty() {
-            warnings.push(Warning::new(
-                "large_deviation",
-                format!(
-                    "even with the best input {} will be known to no better than 30 %: there the prediction is rough",
-                    large.join(", ")
-                ),
-            ));
-        }
     }
 }

@@ -37,7 +37,7 @@ fn a_model_of_formulas_is_designed_for_and_refitted() {
                         "sample_time_s": 0.2, "duration_s": 12}]});
     let spec = json!({"samples": 60, "sample_time_s": 0.2, "criterion": "a", "measured": ["position"], "noise_covariance": [[1e-6]],
                       "limits": {"input": 1.5, "outputs": {"position": 0.8, "acceleration": [-4, 4]}, "input_change": 3},
-                      "scale_to_fit": true, "monte_carlo": {"replicates": 150, "seed": 3}});
+                      "scale_to_fit": true, "monte_carlo": {"replicates": 400, "seed": 1}});
     let report = run(inputs.clone(), spec.clone());
     let result = &report.result;
     assert_eq!(report.schema, "volition.input_design/1");
@@ -49,7 +49,7 @@ fn a_model_of_formulas_is_designed_for_and_refitted() {
     assert_eq!(monte_carlo["all_within"], json!(true), "{monte_carlo}");
     for parameter in monte_carlo["parameters"].as_array().unwrap() {
         for over in parameter["over_predicted"].as_array().unwrap() {
-            assert!((over.as_f64().unwrap() - 1.0).abs() < 0.25, "{parameter}");
+            assert!((over.as_f64().unwrap() - 1.0).abs() < 0.15, "{parameter}");
         }
     }
     for parameter in result["parameters"].as_array().unwrap() {
@@ -57,7 +57,7 @@ fn a_model_of_formulas_is_designed_for_and_refitted() {
     }
     assert!(result["proof"]["duality_gap"].as_f64().unwrap() < 1e-5, "{}", result["proof"]);
     assert_eq!(result["starts"].as_array().unwrap().len(), 2);
-    assert_eq!(report.provenance.seed, Some(3));
+    assert_eq!(report.provenance.seed, Some(1));
     assert_eq!(run(inputs, spec).provenance.result_sha256, report.provenance.result_sha256);
 }
 
