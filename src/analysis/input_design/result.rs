@@ -118,7 +118,7 @@ pub struct SignalResult {
 /// What the last linear program proves.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct DesignProof {
-    /// The growth of the criterion to first order that a step of the size `trust_region` from the best input has.
+    /// The growth of the criterion, to first order, of the best further step of the size `trust_region` from the best input.
     pub first_order_gain: f64,
     /// The bound of that growth from the program's multipliers: no such step within the linearised limits has more.
     pub first_order_bound: f64,

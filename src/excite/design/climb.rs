@@ -56,9 +56,9 @@ pub struct Climb {
     pub programs: usize,
     /// Steps of the interior-point method in all.
     pub iterations: usize,
-    /// The last step, taken or not: whose bound proves how much more is to be had within the trust region.
+    /// A step from the input, not taken: its bound proves how much more is to be had, to first order, within the trust region.
     pub last: Step,
-    /// δ_u at the end.
+    /// δ_u of that step, the last one that was tried with.
     pub radius: f64,
     /// Why it ended.
     pub stop: Stop,
@@ -168,6 +168,7 @@ pub fn climb(
         }
         // A step that is cut short says nothing about what a smaller region could still do.
         let converged = relative < settings.tolerance && grown.is_some() && share == 1.0;
+        let used = radius;
         if relative < settings.tolerance && !converged {
             radius *= 0.5;
         }
@@ -180,9 +181,13 @@ pub fn climb(
             } else {
                 Stop::StepLimit
             };
+            let gradient = information.gradient(criterion, &sensitivities).ok_or(ClimbError::Undetermined)?;
+            let last = step(limits, &u, &gradient, used, &mut active, ctl)?;
+            programs += last.rounds;
+            iterations += last.iterations;
             let factor = factor(criterion, value, first, parameters);
             let steps = history.len();
-            return Ok(Climb { input: u, factor, history, steps, programs, iterations, last: found, radius, stop });
+            return Ok(Climb { input: u, factor, history, steps, programs, iterations, last, radius: used, stop });
         }
     }
 }
