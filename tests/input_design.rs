@@ -158,7 +158,6 @@ fn the_program_without_autocorrelation_has_the_reference_optimum() {
     // Without a region and without autocorrelation the climb goes far (reference: 12.67).
     let free = Settings { radius: 40.0, tolerance: 1e-4, ..settings(Criterion::T) };
     let found = climb(&case.information, &limits, &case.start, &free, &Ctl::new()).unwrap();
-    println!("without autocorrelation: {} in {} steps", found.factor, found.steps);
     assert!((found.factor - 12.6727).abs() < 0.5, "{}", found.factor);
 }
 
@@ -166,10 +165,6 @@ fn the_program_without_autocorrelation_has_the_reference_optimum() {
 fn chapter_five_gains_more_than_the_reference_and_keeps_every_limit() {
     let case = case(300);
     let found = climb(&case.information, &case.limits, &case.start, &settings(Criterion::T), &Ctl::new()).unwrap();
-    println!(
-        "{} after {} steps, {} programs, {} iterations, {:?}",
-        found.factor, found.steps, found.programs, found.iterations, found.stop
-    );
     assert!(found.factor >= 1.93, "{}", found.factor);
     let trace = |u: &[f64]| case.information.fisher(u).value(Criterion::T).unwrap();
     near(found.factor, trace(&found.input) / trace(&case.start), 1e-10);
@@ -189,7 +184,6 @@ fn every_criterion_climbs_within_the_limits() {
     for criterion in [Criterion::ScaledT, Criterion::D, Criterion::A, Criterion::ScaledA] {
         let settings = Settings { radius: 1.0, max_steps: 40, tolerance: 1e-2, ..settings(criterion) };
         let found = climb(&case.information, &case.limits, &case.start, &settings, &Ctl::new()).unwrap();
-        println!("{criterion:?}: {} in {} steps, {:?}", found.factor, found.steps, found.stop);
         assert!(found.factor > 1.05, "{criterion:?} {}", found.factor);
         assert!(found.history.windows(2).all(|pair| pair[0] < pair[1]));
         assert!(shares(&case, &found.input).iter().all(|share| *share <= 1.0));
@@ -291,11 +285,6 @@ fn refitted_parameters_scatter_as_predicted() {
     for i in 0..theta.len() {
         let ratio = (found[1].0[i] / found[0].0[i]).powi(2);
         let predicted = (found[1].1[i] / found[0].1[i]).powi(2);
-        println!(
-            "{i}: {ratio:.3} predicted {predicted:.3}; {:.3} {:.3}",
-            found[0].0[i] / found[0].1[i],
-            found[1].0[i] / found[1].1[i]
-        );
         // Both tails above 0.05/11/2: all eleven intervals hold together at 95 %.
         let level = f_cdf(ratio / predicted, freedom, freedom);
         assert!(level > 0.05 / 22.0 && level < 1.0 - 0.05 / 22.0, "{i}: {ratio} {predicted}");

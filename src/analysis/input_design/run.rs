@@ -321,7 +321,9 @@ impl<'a> Task<'a> {
         let [before, after] = [&best.start, &best.climb.input].map(|u| self.information.fisher(u));
         let [outputs_before, outputs_after] = [self.recursion(&best.start)?, self.recursion(&best.climb.input)?];
         let limits = self.limit_results(&best, &outputs_after);
-        if let Some(broken) = limits.iter().find(|limit| !(limit.slack >= -1e-12 * (limit.range[1] - limit.range[0]))) {
+        if let Some(broken) =
+            limits.iter().find(|limit| limit.slack.is_nan() || limit.slack < -1e-12 * (limit.range[1] - limit.range[0]))
+        {
             // The recursion and the convolution differ by more than rounding: the model's own numbers are not to be trusted.
             let detail =
                 format!("recomputed from the model's recursion, {} breaks its limit by {}", broken.name, -broken.slack);

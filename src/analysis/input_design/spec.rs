@@ -248,11 +248,10 @@ impl CheckedSpec {
         let mut scales = Vec::new();
         for (name, value) in parameters.iter().zip(model.nominal()) {
             let scale = written.scales.get(name).copied().unwrap_or(value.abs());
-            if written.scales.contains_key(name) || (scaled && scale == 0.0) {
-                if !(scale > 0.0 && scale < 1e60) {
-                    return Err(wrong(format!("the scale of {name} is {scale}, and must be positive"), "scales")
-                        .mend("Give a scale for every parameter that is zero."));
-                }
+            let matters = written.scales.contains_key(name) || (scaled && scale == 0.0);
+            if matters && !(scale > 0.0 && scale < 1e60) {
+                return Err(wrong(format!("the scale of {name} is {scale}, and must be positive"), "scales")
+                    .mend("Give a scale for every parameter that is zero."));
             }
             scales.push(if scale > 0.0 { scale } else { 1.0 });
         }
@@ -313,7 +312,7 @@ impl CheckedSpec {
                 ));
             }
             if let Some(reference) = &correlation.reference
-                && (reference.len() != lags || reference.iter().any(|r| !(r.abs() <= 1.0)))
+                && (reference.len() != lags || !reference.iter().all(|r| r.abs() <= 1.0))
             {
                 return Err(wrong(
                     format!("the reference has {} numbers, and must have {lags} between −1 and 1", reference.len()),

@@ -390,8 +390,8 @@ impl Checked {
         let population = &self.setting.population;
         for corner in 0..64_usize {
             let mut theta = self.average;
-            for i in 0..3 {
-                theta[i] = population.controller[i][corner >> i & 1];
+            for (i, (theta, range)) in theta.iter_mut().zip(population.controller).take(3).enumerate() {
+                *theta = range[corner >> i & 1];
             }
             let spread = self.setting.body_spread;
             let body =

@@ -19,19 +19,6 @@ fn the_worst_subject_is_no_worse_off_than_with_the_nominal_experiment() {
         assert_eq!(ctl.progress().done, ctl.progress().total);
         let result = &report.result;
         let number = |value: &Value| value.as_f64().unwrap();
-        println!(
-            "{axis}: robust {} {} worst {} fresh {:?}; nominal {} {} worst {} fresh {:?}; {}; {} evaluations",
-            result["robust"]["edge_hz"],
-            result["robust"]["width_m"],
-            result["robust"]["worst_cost"],
-            result["robust"]["fresh"]["interval"],
-            result["nominal"]["edge_hz"],
-            result["nominal"]["width_m"],
-            result["nominal"]["worst_cost"],
-            result["nominal"]["fresh"]["interval"],
-            result["difference"],
-            result["evaluations"]
-        );
         assert!(number(&result["robust"]["worst_cost"]) <= number(&result["nominal"]["worst_cost"]));
         assert_eq!(result["difference"]["no_worse"], json!(true), "{}", result["difference"]);
         assert!(result["assumptions"].as_array().unwrap().len() > 10);

@@ -16,6 +16,9 @@ pub struct Search<'a> {
     known: BTreeMap<[u64; 6], f64>,
 }
 
+/// What a compass search minimises: the cost of an experiment, or any number that is no less than the third argument where it is not less.
+type Objective<'f, 'a> = dyn Fn(&mut Search<'a>, [f64; 2], f64) -> Result<f64, SequenceError> + 'f;
+
 /// One iteration of the simultaneous min-max.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Trace {
@@ -104,11 +107,7 @@ impl<'a> Search<'a> {
     }
 
     /// Minimises over Γ from a start by a compass search: the best of a step to each side of each parameter, or half the step.
-    fn compass(
-        &mut self,
-        start: [f64; 2],
-        of: &mut dyn FnMut(&mut Self, [f64; 2], f64) -> Result<f64, SequenceError>,
-    ) -> Result<([f64; 2], f64), SequenceError> {
+    fn compass(&mut self, start: [f64; 2], of: &Objective<'_, 'a>) -> Result<([f64; 2], f64), SequenceError> {
         let mut at = start;
         let mut best = of(self, at, f64::INFINITY)?;
         let mut step = COMPASS[0];
@@ -233,7 +232,7 @@ impl<'a> Search<'a> {
         iterations: usize,
         rounds: usize,
     ) -> Result<Outcome, SequenceError> {
-        let (gamma, nominal_cost) = self.compass(start, &mut |search, gamma, _| search.cost(average, gamma))?;
+        let (gamma, nominal_cost) = self.compass(start, &|search, gamma, _| search.cost(average, gamma))?;
         let nominal = self.worst(gamma, &[average])?;
         let trace = self.min_max(average, start, iterations)?;
         let last = trace.last().copied().unwrap_or(Trace { theta: average, gamma: start, cost: f64::INFINITY });
@@ -253,7 +252,7 @@ impl<'a> Search<'a> {
         let (mut done, mut closed) = (0, false);
         while done < rounds && !closed {
             done += 1;
-            let (gamma, known) = self.compass(best.gamma, &mut |search, gamma, enough| {
+            let (gamma, known) = self.compass(best.gamma, &|search, gamma, enough| {
                 let mut largest = f64::NEG_INFINITY;
                 for theta in &scenarios {
                     largest = largest.max(search.cost(*theta, gamma)?);
