@@ -158,7 +158,7 @@ fn the_program_without_autocorrelation_has_the_reference_optimum() {
     // Without a region and without autocorrelation the climb goes far (reference: 12.67).
     let free = Settings { radius: 40.0, tolerance: 1e-4, ..settings(Criterion::T) };
     let found = climb(&case.information, &limits, &case.start, &free, &Ctl::new()).unwrap();
-    assert!((found.factor - 12.6727).abs() < 0.5, "{}", found.factor);
+    assert!((found.factor - 12.6727).abs() < 0.02, "{}", found.factor);
 }
 
 #[test]
