@@ -28,11 +28,15 @@ pub enum Kind {
     ExcitationQuality,
     /// The compensator of a position loop that delivers the flattest spectrum.
     CompensatorDesign,
+    /// The input that tells the most about the parameters of a model.
+    InputDesign,
+    /// The experiment whose worst subject is estimated best.
+    RobustInputDesign,
 }
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 11] = [
         Self::FrequencyResponse,
         Self::Ssid,
         Self::TwoStimulus,
@@ -42,6 +46,8 @@ impl Kind {
         Self::InverseLqg,
         Self::ExcitationQuality,
         Self::CompensatorDesign,
+        Self::InputDesign,
+        Self::RobustInputDesign,
     ];
 
     /// The name on the wire.
@@ -57,6 +63,8 @@ impl Kind {
             Self::InverseLqg => "inverse_lqg",
             Self::ExcitationQuality => "excitation_quality",
             Self::CompensatorDesign => "compensator_design",
+            Self::InputDesign => "input_design",
+            Self::RobustInputDesign => "robust_input_design",
         }
     }
 }

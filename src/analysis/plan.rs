@@ -4,7 +4,9 @@ use super::inputs::{Library, References};
 use super::kind::{Kind, Request};
 use super::problem::Problem;
 use super::report::Report;
-use super::{excitation, frequency_response, gain_fit, inverse, ssid, ssid_mimo, two_stimulus};
+use super::{
+    excitation, frequency_response, gain_fit, input_design, inverse, robust_input_design, ssid, ssid_mimo, two_stimulus,
+};
 use crate::control::Model;
 use crate::num::{Ctl, Stopped};
 use serde::{Deserialize, Serialize};
@@ -29,6 +31,10 @@ pub enum Plan {
     ExcitationQuality(excitation::quality::Plan),
     /// See [`excitation::compensator`].
     CompensatorDesign(excitation::compensator::Plan),
+    /// See [`input_design`].
+    InputDesign(input_design::Plan),
+    /// See [`robust_input_design`].
+    RobustInputDesign(robust_input_design::Plan),
 }
 
 /// Why a plan came to no report.
@@ -76,6 +82,8 @@ impl Plan {
             }
             Kind::ExcitationQuality => excitation::quality::Plan::parse(request).map(Self::ExcitationQuality),
             Kind::CompensatorDesign => excitation::compensator::Plan::parse(request).map(Self::CompensatorDesign),
+            Kind::InputDesign => input_design::Plan::parse(request).map(Self::InputDesign),
+            Kind::RobustInputDesign => robust_input_design::Plan::parse(request).map(Self::RobustInputDesign),
         }
     }
 
@@ -90,6 +98,8 @@ impl Plan {
             Self::Inverse(plan) => plan.kind(),
             Self::ExcitationQuality(_) => Kind::ExcitationQuality,
             Self::CompensatorDesign(_) => Kind::CompensatorDesign,
+            Self::InputDesign(_) => Kind::InputDesign,
+            Self::RobustInputDesign(_) => Kind::RobustInputDesign,
         }
     }
 
@@ -105,6 +115,8 @@ impl Plan {
             Self::SsidMimo(plan) => plan.references(),
             Self::ExcitationQuality(plan) => plan.references(),
             Self::CompensatorDesign(plan) => plan.references(),
+            Self::InputDesign(plan) => plan.references(),
+            Self::RobustInputDesign(plan) => plan.references(),
         }
     }
 
@@ -120,6 +132,8 @@ impl Plan {
             Self::SsidMimo(plan) => plan.request(),
             Self::ExcitationQuality(plan) => plan.request(),
             Self::CompensatorDesign(plan) => plan.request(),
+            Self::InputDesign(plan) => plan.request(),
+            Self::RobustInputDesign(plan) => plan.request(),
         }
     }
 
@@ -139,6 +153,8 @@ impl Plan {
             Self::SsidMimo(plan) => plan.run(library, ctl),
             Self::ExcitationQuality(plan) => plan.run(library, ctl),
             Self::CompensatorDesign(plan) => plan.run(library, ctl),
+            Self::InputDesign(plan) => plan.run(library, ctl),
+            Self::RobustInputDesign(plan) => plan.run(library, ctl),
         }
     }
 }

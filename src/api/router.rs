@@ -12,7 +12,9 @@ use crate::analysis::excitation::plant::MassDamper;
 use crate::analysis::excitation::quality::{ExcitationQualityResult, ExcitationQualitySpec};
 use crate::analysis::frequency_response::{FrequencyResponseResult, FrequencyResponseSpec};
 use crate::analysis::gain_fit::{GainFitResult, GainFitSpec, GainFitTrial, MatrixPlant, NamedPlant, PlantParameter};
+use crate::analysis::input_design::{InputDesignInputs, InputDesignResult, InputDesignSpec};
 use crate::analysis::inverse::{Comparand, InverseLqgSpec, InverseLqrResult, InverseSpec, Trajectory};
+use crate::analysis::robust_input_design::{RobustInputDesignInputs, RobustInputDesignResult, RobustInputDesignSpec};
 use crate::analysis::ssid::{FrequencyResponseInput, SsidResult, SsidSpec};
 use crate::analysis::ssid_mimo::{SsidMimoInputs, SsidMimoResult, SsidMimoSpec};
 use crate::analysis::two_stimulus::{StimulusResponsesInput, TwoStimulusResult, TwoStimulusSpec};
@@ -65,7 +67,13 @@ use utoipa_axum::routes;
         ExcitationQualitySpec,
         ExcitationQualityResult,
         CompensatorDesignSpec,
-        CompensatorDesignResult
+        CompensatorDesignResult,
+        InputDesignInputs,
+        InputDesignSpec,
+        InputDesignResult,
+        RobustInputDesignInputs,
+        RobustInputDesignSpec,
+        RobustInputDesignResult
     )),
     tags(
         (name = "studies", description = "The frame of everything else."),

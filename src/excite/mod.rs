@@ -4,9 +4,11 @@
 //! position loop, [`compensator`] shapes that loop, and [`motion`] says what they ask of a device and of a body.
 
 pub mod compensator;
+pub mod design;
 pub mod flatness;
 pub mod motion;
 pub mod path;
 pub mod peak;
+pub mod robust;
 pub mod sequence;
 pub mod spectrum;

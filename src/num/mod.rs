@@ -7,6 +7,7 @@ mod bracket;
 pub mod ctl;
 pub mod distributions;
 pub mod dual;
+pub mod expression;
 pub mod fourier;
 pub mod least_squares;
 pub mod linalg;

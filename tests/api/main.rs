@@ -4,9 +4,10 @@
 mod analyses;
 mod bad_input;
 mod conditional;
+mod designs;
 mod events;
-mod gain_fit;
 mod excitation;
+mod gain_fit;
 mod harness;
 mod inverse;
 mod learning;

@@ -1,0 +1,480 @@
+//! The model whose parameters an experiment is to tell: of the catalogue, or formulas in the request.
+
+use super::wrong;
+use crate::analysis::problem::Problem;
+use crate::control::parametric::{Differentiated, Matrices, ParametricModel};
+use crate::control::{Continuous, Discrete, TimeBase};
+use crate::num::dual::Real;
+use crate::num::expression::Expression;
+use crate::plants::head_neck::{self, Axis, HeadNeck};
+use crate::plants::seated_balance::{Output, Parameter, SeatedBalance, Structure, Values};
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use utoipa::ToSchema;
+
+/// States, outputs, inputs and free parameters at most.
+const MOST: [(&str, usize); 4] = [("states", 40), ("outputs", 12), ("inputs", 12), ("free parameters", 40)];
+/// Magnitudes beyond this overflow in products of a few matrices.
+const LARGEST: f64 = 1e60;
+
+/// Names of a model of the catalogue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ModelName {
+    /// Seated balance on a robot's seat (Priess 2015, chapter 5); the input is the torque on the seat, N m.
+    SeatedBalance,
+    /// The head tracking a target (Priess 2015, chapter 2); the input is the target's angle, rad.
+    HeadNeck,
+}
+
+/// A model of the catalogue.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NamedModel {
+    /// Its name.
+    pub name: ModelName,
+    /// Values that differ from the tables', by name.
+    #[serde(default)]
+    pub values: BTreeMap<String, f64>,
+    /// The parameters that the experiment is to tell. Default: k1 … k4, j1, j2, l1, l12, l2, tau and t_w of seated balance, k_p, k_d, k_i and tau
+    /// of the head.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub free: Option<Vec<String>>,
+    /// The state at the beginning, of seated balance: α₁, α̇₁, α₂, α̇₂. Default: at rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub initial: Option<[f64; 4]>,
+    /// Order of the Padé approximation of the delay. Default: 5.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub delay_order: Option<usize>,
+    /// About which axis the head turns. Default: flexion_extension.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis: Option<Axis>,
+}
+
+/// A parameter of a model in the request.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ModelParameter {
+    /// Its name, as formulas call it.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// Whether the experiment is to tell it. Default: true.
+    #[serde(default = "yes")]
+    pub free: bool,
+    /// The least value that a fit may give it. Default: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lower: Option<f64>,
+    /// The largest value. Default: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub upper: Option<f64>,
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// An entry of a matrix: a number, or a formula in the parameters such as `"-(k + k_h)/m"`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(untagged)]
+pub enum Entry {
+    /// A number.
+    Number(f64),
+    /// A formula: numbers, names, `+ - * / ^`, parentheses, `sin`, `cos`, `pi`.
+    Formula(String),
+}
+
+/// A model in the request: `x⁺ = Ax + Bu`, `y = Cx + Du`, `x(0) = x₀`, with entries that are formulas in the parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FormulaModel {
+    /// The parameters.
+    pub parameters: Vec<ModelParameter>,
+    /// A, n×n.
+    pub a: Vec<Vec<Entry>>,
+    /// B, n×m.
+    pub b: Vec<Vec<Entry>>,
+    /// C, p×n.
+    pub c: Vec<Vec<Entry>>,
+    /// D, p×m. Default: zero.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub d: Option<Vec<Vec<Entry>>>,
+    /// x₀, n. Default: at rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub initial: Option<Vec<Entry>>,
+    /// Names of the outputs. Default: y1, y2, ….
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub outputs: Option<Vec<String>>,
+    /// Sample time in seconds; null in continuous time, whose inputs are held between samples.
+    #[serde(default)]
+    pub sample_time_s: Option<f64>,
+}
+
+/// A model as written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(untagged)]
+pub enum ModelInput {
+    /// Of the catalogue.
+    Named(NamedModel),
+    /// In the request.
+    Formulas(FormulaModel),
+}
+
+/// Formulas, checked.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Formulas<T> {
+    time: T,
+    /// Values of all parameters, and the places of the free ones among them.
+    values: Vec<f64>,
+    free: Vec<usize>,
+    names: Vec<String>,
+    limits: Vec<[f64; 2]>,
+    a: DMatrix<Expression>,
+    b: DMatrix<Expression>,
+    c: DMatrix<Expression>,
+    d: DMatrix<Expression>,
+    initial: Vec<Expression>,
+}
+
+impl<T: TimeBase> ParametricModel for Formulas<T> {
+    type Time = T;
+
+    fn time(&self) -> T {
+        self.time
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.free.iter().map(|i| self.names[*i].clone()).collect()
+    }
+
+    fn limits(&self) -> Vec<[f64; 2]> {
+        self.free.iter().map(|i| self.limits[*i]).collect()
+    }
+
+    fn matrices<S: Real>(&self, theta: &[S]) -> Matrices<S> {
+        let mut values: Vec<S> = self.values.iter().map(|v| S::from(*v)).collect();
+        for (index, value) in self.free.iter().zip(theta) {
+            values[*index] = *value;
+        }
+        let of = |m: &DMatrix<Expression>| DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| m[(i, j)].value(&values));
+        Matrices {
+            a: of(&self.a),
+            b: of(&self.b),
+            c: of(&self.c),
+            d: of(&self.d),
+            initial: DVector::from_fn(self.initial.len(), |i, _| self.initial[i].value(&values)),
+        }
+    }
+}
+
+/// A checked model.
+#[derive(Debug, Clone, PartialEq)]
+enum Known {
+    Seated(SeatedBalance),
+    Head(HeadNeck),
+    Continuous(Formulas<Continuous>),
+    Sampled(Formulas<Discrete>),
+}
+
+/// A model with the names of its outputs.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Model {
+    known: Known,
+    pub outputs: Vec<String>,
+    /// Those that are measured where nothing else is said.
+    pub measured: Vec<String>,
+    pub inputs: usize,
+}
+
+impl Model {
+    /// Checks the member `model` of the inputs.
+    pub fn parse(value: &Value) -> Result<(ModelInput, Self), Problem> {
+        const FORMS: &str = "Give {\"name\": \"seated_balance\" or \"head_neck\", ..}, or matrices a, b and c of numbers and formulas with \
+                             their parameters.";
+        let at = "/inputs/model";
+        let members = value.as_object().ok_or_else(|| wrong("the model is no object", at).mend(FORMS))?;
+        // One form or the other, so that errors speak of the form that is meant.
+        if members.contains_key("name") {
+            let named: NamedModel =
+                serde_json::from_value(value.clone()).map_err(|error| wrong(error.to_string(), at).mend(FORMS))?;
+            let model = Self::named(&named)?;
+            Ok((ModelInput::Named(named), model))
+        } else {
+            let formulas: FormulaModel =
+                serde_json::from_value(value.clone()).map_err(|error| wrong(error.to_string(), at).mend(FORMS))?;
+            let model = Self::formulas(&formulas)?;
+            Ok((ModelInput::Formulas(formulas), model))
+        }
+    }
+
+    fn named(named: &NamedModel) -> Result<Self, Problem> {
+        let at = "/inputs/model";
+        let stray = |field: &str| Err(wrong(format!("this model takes no {field}"), format!("{at}/{field}")));
+        match named.name {
+            ModelName::SeatedBalance => {
+                if named.axis.is_some() {
+                    return stray("axis");
+                }
+                let parameter = |name: &str, at: String| {
+                    Parameter::by_name(name).ok_or_else(|| {
+                        let known: Vec<&str> = Parameter::ALL.iter().map(|p| p.name()).collect();
+                        wrong(format!("there is no parameter {name:?}"), at)
+                            .mend(format!("Its parameters are {}.", known.join(", ")))
+                    })
+                };
+                let mut values = Values::table_5_1();
+                for (name, value) in &named.values {
+                    values = values.with(parameter(name, format!("{at}/values/{name}"))?, *value);
+                }
+                let free = match &named.free {
+                    None => Parameter::ALL[..11].to_vec(),
+                    Some(names) => names
+                        .iter()
+                        .enumerate()
+                        .map(|(i, name)| parameter(name, format!("{at}/free/{i}")))
+                        .collect::<Result<_, _>>()?,
+                };
+                let outputs = [
+                    Output::LowerAngle,
+                    Output::LowerRate,
+                    Output::UpperAngle,
+                    Output::UpperRate,
+                    Output::Bend,
+                    Output::Torque,
+                ];
+                let mut structure = Structure { outputs: outputs.to_vec(), ..Structure::default() };
+                structure.delay_order = named.delay_order.unwrap_or(structure.delay_order);
+                let model = SeatedBalance::new(structure, values, free)
+                    .and_then(|model| model.starting_from(named.initial.unwrap_or_default()))
+                    .map_err(|error| wrong(error.to_string(), at))?;
+                let names = ["lower_angle", "lower_rate", "upper_angle", "upper_rate", "bend", "torque"];
+                Self::checked(Known::Seated(model), names.map(str::to_owned).to_vec(), 1)
+            }
+            ModelName::HeadNeck => {
+                if named.initial.is_some() {
+                    return stray("initial");
+                }
+                let place = |name: &str, at: String| {
+                    head_neck::PARAMETERS.iter().position(|known| *known == name).ok_or_else(|| {
+                        wrong(format!("there is no parameter {name:?}"), at)
+                            .mend(format!("Its parameters are {}.", head_neck::PARAMETERS.join(", ")))
+                    })
+                };
+                let mut values = named.axis.unwrap_or(Axis::FlexionExtension).nominal();
+                for (name, value) in &named.values {
+                    values[place(name, format!("{at}/values/{name}"))?] = *value;
+                }
+                let free = match &named.free {
+                    None => vec![0, 1, 2, 3],
+                    Some(names) => names
+                        .iter()
+                        .enumerate()
+                        .map(|(i, name)| place(name, format!("{at}/free/{i}")))
+                        .collect::<Result<_, _>>()?,
+                };
+                let drive = head_neck::Drive::Target { delay_order: named.delay_order.unwrap_or(5) };
+                let model = HeadNeck::new(values, free, drive).map_err(|error| wrong(error.to_string(), at))?;
+                Self::checked(Known::Head(model), head_neck::OUTPUTS.map(str::to_owned).to_vec(), 1)
+            }
+        }
+    }
+
+    fn formulas(written: &FormulaModel) -> Result<Self, Problem> {
+        let at = "/inputs/model";
+        let names: Vec<String> = written.parameters.iter().map(|p| p.name.clone()).collect();
+        for (i, parameter) in written.parameters.iter().enumerate() {
+            let here = format!("{at}/parameters/{i}");
+            let mut letters = parameter.name.chars();
+            let is_name = letters.next().is_some_and(|c| c.is_alphabetic() || c == '_')
+                && letters.all(|c| c.is_alphanumeric() || c == '_')
+                && !matches!(parameter.name.as_str(), "sin" | "cos" | "pi");
+            if !is_name || names[..i].contains(&parameter.name) {
+                return Err(wrong(
+                    format!("{:?} is no name, or is there twice", parameter.name),
+                    format!("{here}/name"),
+                )
+                .mend("A name is of letters, digits and _, begins with no digit, and is none of sin, cos, pi."));
+            }
+            let (lower, upper) = (parameter.lower.unwrap_or(-LARGEST), parameter.upper.unwrap_or(LARGEST));
+            if !(lower < upper && lower <= parameter.value && parameter.value <= upper) {
+                return Err(wrong(
+                    format!("{} is {} and must lie between {lower} and {upper}", parameter.name, parameter.value),
+                    format!("{here}/value"),
+                ));
+            }
+        }
+        let matrix = |rows: &[Vec<Entry>], field: &str| -> Result<DMatrix<Expression>, Problem> {
+            let width = rows.first().map_or(0, Vec::len);
+            let mut entries = Vec::new();
+            for (i, row) in rows.iter().enumerate() {
+                if row.len() != width {
+                    return Err(wrong(
+                        format!("row {i} has {} entries where row 0 has {width}", row.len()),
+                        format!("{at}/{field}/{i}"),
+                    ));
+                }
+                for (j, entry) in row.iter().enumerate() {
+                    entries.push(expression(entry, &names, &format!("{at}/{field}/{i}/{j}"))?);
+                }
+            }
+            Ok(DMatrix::from_row_iterator(rows.len(), width, entries))
+        };
+        let (a, b, c) = (matrix(&written.a, "a")?, matrix(&written.b, "b")?, matrix(&written.c, "c")?);
+        let (n, m, p) = (a.nrows(), b.ncols(), c.nrows());
+        let zero = Expression::Number(0.0);
+        let d = match &written.d {
+            Some(rows) => matrix(rows, "d")?,
+            None => DMatrix::from_element(p, m, zero.clone()),
+        };
+        for (field, shape, wanted) in
+            [("a", a.shape(), (n, n)), ("b", b.shape(), (n, m)), ("c", c.shape(), (p, n)), ("d", d.shape(), (p, m))]
+        {
+            if shape != wanted || n == 0 || m == 0 || p == 0 {
+                return Err(wrong(
+                    format!("{field} is {}x{} and must be {}x{}", shape.0, shape.1, wanted.0.max(1), wanted.1.max(1)),
+                    format!("{at}/{field}"),
+                ));
+            }
+        }
+        let initial = match &written.initial {
+            None => vec![zero; n],
+            Some(entries) if entries.len() == n => entries
+                .iter()
+                .enumerate()
+                .map(|(i, entry)| expression(entry, &names, &format!("{at}/initial/{i}")))
+                .collect::<Result<_, _>>()?,
+            Some(entries) => {
+                return Err(wrong(
+                    format!("the initial state has {} entries and must have {n}", entries.len()),
+                    format!("{at}/initial"),
+                ));
+            }
+        };
+        let outputs = written.outputs.clone().unwrap_or_else(|| (1..=p).map(|i| format!("y{i}")).collect());
+        let is_twice = (0..outputs.len()).any(|i| outputs[..i].contains(&outputs[i]));
+        if outputs.len() != p || is_twice {
+            return Err(wrong(
+                format!("there are {} names for {p} outputs, or one of them twice", outputs.len()),
+                format!("{at}/outputs"),
+            ));
+        }
+        let free = (0..names.len()).filter(|i| written.parameters[*i].free).collect();
+        let values = written.parameters.iter().map(|p| p.value).collect();
+        let limits =
+            written.parameters.iter().map(|p| [p.lower.unwrap_or(-LARGEST), p.upper.unwrap_or(LARGEST)]).collect();
+        let known = match written.sample_time_s {
+            None => Known::Continuous(Formulas { time: Continuous, values, free, names, limits, a, b, c, d, initial }),
+            Some(period) => {
+                let time =
+                    Discrete::new(period).map_err(|error| wrong(error.to_string(), format!("{at}/sample_time_s")))?;
+                Known::Sampled(Formulas { time, values, free, names, limits, a, b, c, d, initial })
+            }
+        };
+        Self::checked(known, outputs, m)
+    }
+
+    fn checked(known: Known, outputs: Vec<String>, inputs: usize) -> Result<Self, Problem> {
+        let measured = match &known {
+            Known::Seated(_) => ["lower_angle", "upper_angle"].map(str::to_owned).to_vec(),
+            Known::Head(_) => vec!["angle".to_owned()],
+            Known::Continuous(_) | Known::Sampled(_) => outputs.clone(),
+        };
+        let model = Self { known, outputs, measured, inputs };
+        let at = "/inputs/model";
+        let states = model
+            .with(|m| m.0)
+            .map_err(|error| wrong(error, at).mend("The model must be defined at the values of its parameters."))?;
+        let counts = [states, model.outputs.len(), inputs, model.names().len()];
+        for ((what, most), count) in MOST.into_iter().zip(counts) {
+            if count > most {
+                return Err(wrong(format!("there are {count} {what}; at most {most} are taken"), at));
+            }
+        }
+        if model.names().is_empty() {
+            return Err(wrong("no parameter is free, so there is nothing that an experiment could tell", at)
+                .mend("Free at least one parameter."));
+        }
+        Ok(model)
+    }
+
+    /// The number of states and of inputs, where the model is defined at its nominal values.
+    fn with(&self, of: impl Fn((usize, usize)) -> usize) -> Result<usize, String> {
+        fn sizes<M: ParametricModel>(model: &M, theta: &[f64]) -> Result<(usize, usize), String> {
+            let found = model.realise(theta).map_err(|error| error.to_string())?;
+            Ok((found.model.states(), found.model.inputs()))
+        }
+        let theta = self.nominal();
+        let found = match &self.known {
+            Known::Seated(model) => sizes(model, &theta),
+            Known::Head(model) => sizes(model, &theta),
+            Known::Continuous(model) => sizes(model, &theta),
+            Known::Sampled(model) => sizes(model, &theta),
+        };
+        found.map(of)
+    }
+
+    /// Names of the free parameters.
+    pub fn names(&self) -> Vec<String> {
+        match &self.known {
+            Known::Seated(model) => model.names(),
+            Known::Head(model) => model.names(),
+            Known::Continuous(model) => model.names(),
+            Known::Sampled(model) => model.names(),
+        }
+    }
+
+    /// Their values.
+    pub fn nominal(&self) -> Vec<f64> {
+        fn of<T>(model: &Formulas<T>) -> Vec<f64> {
+            model.free.iter().map(|i| model.values[*i]).collect()
+        }
+        match &self.known {
+            Known::Seated(model) => model.nominal(),
+            Known::Head(model) => model.nominal(),
+            Known::Continuous(model) => of(model),
+            Known::Sampled(model) => of(model),
+        }
+    }
+
+    /// Between which values they may move.
+    pub fn limits(&self) -> Vec<[f64; 2]> {
+        match &self.known {
+            Known::Seated(model) => model.limits(),
+            Known::Head(model) => model.limits(),
+            Known::Continuous(model) => model.limits(),
+            Known::Sampled(model) => model.limits(),
+        }
+    }
+
+    /// Its own sample time, of a sampled model.
+    pub fn sample_time_s(&self) -> Option<f64> {
+        if let Known::Sampled(model) = &self.known { Some(model.time.period_s()) } else { None }
+    }
+
+    /// The model and its derivatives at θ, sampled.
+    pub fn sampled(&self, theta: &[f64], time: Discrete) -> Result<Differentiated<Discrete>, String> {
+        fn held<M: ParametricModel<Time = Continuous>>(
+            model: &M,
+            theta: &[f64],
+            time: Discrete,
+        ) -> Result<Differentiated<Discrete>, String> {
+            let found = model.differentiate(theta).map_err(|error| error.to_string())?;
+            found.sampled(time).map_err(|error| error.to_string())
+        }
+        match &self.known {
+            Known::Seated(model) => held(model, theta, time),
+            Known::Head(model) => held(model, theta, time),
+            Known::Continuous(model) => held(model, theta, time),
+            Known::Sampled(model) => model.differentiate(theta).map_err(|error| error.to_string()),
+        }
+    }
+}
+
+fn expression(entry: &Entry, names: &[String], at: &str) -> Result<Expression, Problem> {
+    match entry {
+        Entry::Number(number) => Ok(Expression::Number(*number)),
+        Entry::Formula(text) => Expression::parse(text, names).map_err(|error| wrong(error.to_string(), at)),
+    }
+}

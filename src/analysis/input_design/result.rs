@@ -1,0 +1,170 @@
+//! What the design came to.
+
+use crate::excite::design::Criterion;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// The result of `input_design`.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct InputDesignResult {
+    /// What was made large.
+    pub criterion: Criterion,
+    /// Time between samples, s.
+    pub sample_time_s: f64,
+    /// The best input found: N samples, held until the next.
+    pub input: Vec<f64>,
+    /// The start that it was reached from.
+    pub start_input: Vec<f64>,
+    /// By what factor the experiment is better than with that start: the ratio of (scaled) traces; of D the root of the ratio of determinants,
+    /// the mean factor for one parameter; of A the ratio of sums of (relative) variances.
+    pub factor: f64,
+    /// That factor after each step: it never falls.
+    pub history: Vec<f64>,
+    /// Every start, in the order of the request.
+    pub starts: Vec<StartResult>,
+    /// Place of the best start among them.
+    pub best_start: usize,
+    /// What each parameter gains.
+    pub parameters: Vec<ParameterResult>,
+    /// The Fisher matrix with the start and with the best input.
+    pub information: [InformationResult; 2],
+    /// Each limit, recomputed sample by sample from the recursion of the model, which the design itself never uses.
+    pub limits: Vec<LimitResult>,
+    /// Peak and root mean square of the input and of every output, before and after.
+    pub signals: Vec<SignalResult>,
+    /// What the last step proves.
+    pub proof: DesignProof,
+    /// What simulated records say; null where none were asked for.
+    pub monte_carlo: Option<MonteCarloResult>,
+}
+
+/// A start and what became of it.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct StartResult {
+    /// By what its samples were scaled to fit; 1 where they fit as they are.
+    pub scale: f64,
+    /// Why it could not be used; null for one that could.
+    pub refused: Option<String>,
+    /// The criterion with it.
+    pub value: Option<f64>,
+    /// The criterion at the end of the climb from it.
+    pub reached: Option<f64>,
+    /// By what factor the climb made it better.
+    pub factor: Option<f64>,
+    /// Steps taken.
+    pub steps: usize,
+    /// Linear programs solved.
+    pub programs: usize,
+    /// `converged`, `smallest_region` or `step_limit`.
+    pub stop: Option<&'static str>,
+}
+
+/// A parameter and how well the experiment tells it.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct ParameterResult {
+    /// Its name.
+    pub name: String,
+    /// The value that the design takes as true.
+    pub value: f64,
+    /// Its diagonal entry of the Fisher matrix with the start and with the best input.
+    pub information: [f64; 2],
+    /// Its share of the trace with the best input: what T-optimality looks at.
+    pub trace_share: f64,
+    /// Standard deviation by Cramér and Rao's bound with the start and with the best input; null where a parameter is not determined.
+    pub standard_deviation: Option<[f64; 2]>,
+    /// The variance with the best input over that with the start, by the same bound.
+    pub variance_ratio: Option<f64>,
+}
+
+/// A Fisher matrix.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct InformationResult {
+    /// In the units of the parameters, rows.
+    pub matrix: Vec<Vec<f64>>,
+    /// Ratio of the largest to the least eigenvalue of the matrix scaled to a diagonal of ones; null for a singular one.
+    pub condition: Option<f64>,
+    /// The combination of parameters that is not determined, weights by name; null where all are.
+    pub undetermined: Option<Vec<(String, f64)>>,
+    /// The criterion; null where it needs an inverse that does not exist.
+    pub value: Option<f64>,
+}
+
+/// A limit and what the best input uses of it.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct LimitResult {
+    /// What is limited.
+    pub name: String,
+    /// Least and largest value allowed.
+    pub range: [f64; 2],
+    /// Least and largest value reached.
+    pub reached: [f64; 2],
+    /// The smaller distance to the range's ends: never negative.
+    pub slack: f64,
+    /// The sample (of the autocorrelation: the lag) that comes nearest.
+    pub at: usize,
+}
+
+/// A signal with both inputs.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct SignalResult {
+    /// `input`, or the output's name.
+    pub name: String,
+    /// Largest magnitude, with the start and with the best input.
+    pub peak: [f64; 2],
+    /// Root mean square.
+    pub rms: [f64; 2],
+}
+
+/// What the last linear program proves.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct DesignProof {
+    /// The growth of the criterion, to first order, of the best further step of the size `trust_region` from the best input.
+    pub first_order_gain: f64,
+    /// The bound of that growth from the program's multipliers: no such step within the linearised limits has more.
+    pub first_order_bound: f64,
+    /// The gap between both, relative to the bound.
+    pub duality_gap: f64,
+    /// `first_order_bound` over the criterion's own size: what is left to be gained within the region, at most, to first order. Of D it is the
+    /// bound itself, a change of the logarithm.
+    pub stationarity: f64,
+    /// The size of the region, in units of the input.
+    pub trust_region: f64,
+    /// Rows of the whole program, after screening, and in the last one solved.
+    pub rows: [usize; 3],
+}
+
+/// Simulated records, fitted anew.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct MonteCarloResult {
+    /// Records of each input.
+    pub replicates: usize,
+    /// Fits that did not converge, with the start and with the best input; they are left out.
+    pub failed: [usize; 2],
+    /// The level at which all intervals hold together (Bonferroni).
+    pub joint_level: f64,
+    /// For each parameter.
+    pub parameters: Vec<MonteCarloParameter>,
+    /// Whether every predicted ratio lies within its interval.
+    pub all_within: bool,
+}
+
+/// What the records say of one parameter.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct MonteCarloParameter {
+    /// Its name.
+    pub name: String,
+    /// Mean of the fitted values less the true one, with the start and with the best input.
+    pub bias: [f64; 2],
+    /// Standard deviation of the fitted values.
+    pub standard_deviation: [f64; 2],
+    /// That over the predicted one.
+    pub over_predicted: [f64; 2],
+    /// The variance with the best input over that with the start.
+    pub variance_ratio: f64,
+    /// The interval of that ratio, by Fisher's F.
+    pub interval: [f64; 2],
+    /// The predicted ratio.
+    pub predicted_ratio: f64,
+    /// Whether it lies within the interval.
+    pub within: bool,
+}

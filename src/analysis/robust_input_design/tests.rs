@@ -1,0 +1,86 @@
+use super::*;
+use serde_json::Value;
+
+fn small() -> Value {
+    json!({"experiment": {"duration_s": 8, "sample_time_s": 0.04, "edge_hz": [0.2, 2.0]}, "draws": 4, "fresh_draws": 24, "max_iterations": 8, "rounds": 2})
+}
+
+fn plan(inputs: Value, spec: Value) -> Result<crate::analysis::Plan, Problem> {
+    crate::analysis::Plan::parse(&Request { kind: "robust_input_design".to_owned(), inputs, spec })
+}
+
+#[test]
+fn the_worst_subject_is_no_worse_off_than_with_the_nominal_experiment() {
+    for axis in ["flexion_extension", "axial_rotation"] {
+        let plan = plan(json!({"axis": axis}), small()).unwrap();
+        assert_eq!(crate::analysis::Plan::parse(&plan.request()).unwrap().request(), plan.request(), "canonical");
+        let ctl = Ctl::new();
+        let report = plan.run(&Library::default(), &ctl).unwrap();
+        assert_eq!(ctl.progress().done, ctl.progress().total);
+        let result = &report.result;
+        let number = |value: &Value| value.as_f64().unwrap();
+        assert!(number(&result["robust"]["worst_cost"]) <= number(&result["nominal"]["worst_cost"]));
+        assert_eq!(result["difference"]["no_worse"], json!(true), "{}", result["difference"]);
+        assert!(result["assumptions"].as_array().unwrap().len() > 10);
+        assert_eq!(result["robust"]["samples"].as_array().unwrap().len(), 200);
+        for design in ["robust", "nominal"] {
+            let parts = &result[design]["fresh"]["parts"];
+            let sum: f64 = ["error", "acceleration", "torque", "angle"].iter().map(|part| number(&parts[part])).sum();
+            assert!((sum - number(&result[design]["fresh"]["cost"])).abs() < 1e-9 * (1.0 + sum));
+        }
+        assert_eq!(report.provenance.seed, Some(1));
+        let again = plan.run(&Library::default(), &Ctl::new()).unwrap();
+        assert_eq!(again.provenance.result_sha256, report.provenance.result_sha256);
+    }
+}
+
+#[test]
+fn impossible_experiments_are_named() {
+    let axis = json!({"axis": "flexion_extension"});
+    let with = |inputs: Value, spec: Value| plan(inputs, spec).map(|_| ()).unwrap_err();
+    let cases = [
+        (json!({}), json!({}), "/inputs", "no axis"),
+        (json!({"axis": "sideways"}), json!({}), "/inputs/axis", "unknown variant"),
+        (axis.clone(), json!({"experiment": {"edge_hz": [0.1, 30]}}), "/spec/experiment/edge_hz", "Nyquist"),
+        (axis.clone(), json!({"experiment": {"edge_hz": [2, 1]}}), "/spec/experiment/edge_hz", "nothing"),
+        (axis.clone(), json!({"experiment": {"sample_time_s": 0}}), "/spec/experiment/sample_time_s", "0 s"),
+        (axis.clone(), json!({"experiment": {"duration_s": 0.1}}), "/spec/experiment/duration_s", "samples"),
+        (axis.clone(), json!({"draws": 1}), "/spec/draws", "from 2"),
+        (axis.clone(), json!({"start": [5, 1]}), "/spec/start/0", "outside"),
+        (
+            axis.clone(),
+            json!({"average_subject": {"k_p": 9, "k_d": 0.2, "k_i": 15, "tau": 0.25}}),
+            "/spec/average_subject/k_p",
+            "outside",
+        ),
+        (
+            json!({"axis": "flexion_extension", "population": {"controller": {"k_i": [12, 900]}}}),
+            json!({}),
+            "/inputs/population",
+            "not stable",
+        ),
+        (
+            json!({"axis": "flexion_extension", "population": {"inertia": -1}}),
+            json!({}),
+            "/inputs/population/inertia",
+            "positive",
+        ),
+        (axis.clone(), json!({"order": 3}), "/spec/order", "unknown field"),
+    ];
+    for (inputs, spec, at, words) in cases {
+        let problem = with(inputs, spec);
+        assert_eq!(problem.location.as_deref(), Some(at), "{problem}");
+        assert!(problem.detail.contains(words), "{problem}");
+    }
+    let problem =
+        with(axis, json!({"draws": 2000, "experiment": {"duration_s": 300}, "max_iterations": 200, "rounds": 20}));
+    assert_eq!(problem.code, Code::Unaffordable);
+}
+
+#[test]
+fn it_stops_when_asked() {
+    let ctl = Ctl::new();
+    ctl.stop(crate::num::StopReason::Cancelled);
+    let found = plan(json!({"axis": "axial_rotation"}), small()).unwrap().run(&Library::default(), &ctl);
+    assert!(matches!(found, Err(Failure::Stopped(_))));
+}

@@ -1,0 +1,217 @@
+//! The climb: from an input that keeps to the limits to one that tells more, step by step.
+//!
+//! # Why every step climbs
+//! The sensitivities `S(u)` are affine in u, and `M = SᵀS ⪰ S₀ᵀS + SᵀS₀ − S₀ᵀS₀ =: L(u)` with equality at u₀, where the gradients are the same.
+//! All criteria grow with M, so that their value at `L(u)`, a concave function of u, is below the criterion everywhere and touches it at u₀: a
+//! minorant. Of T it is linear, and [`step()`] maximises it over the limits; of D and A the step maximises its tangent, and a search along
+//! the step finds the best share of it. Limits on the input and on outputs are convex, and hold along the step. The autocorrelation is not,
+//! and a share of the step is taken that keeps it; where none above a small one does, the trust region is halved.
+
+use super::information::{Criterion, Information, factor};
+use super::limits::{Broken, Limits};
+use super::step::{Row, Step, step};
+use crate::convex::boxed::BoxedError;
+use crate::num::{Ctl, Stopped};
+use nalgebra::DMatrix;
+use std::collections::BTreeSet;
+
+/// How the climb goes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// What is made large.
+    pub criterion: Criterion,
+    /// δ_u: the largest change of a sample in a step, in units of the input.
+    pub radius: f64,
+    /// Relative growth of a step below which the climb ends, or the trust region is halved where the limits held the step back.
+    pub tolerance: f64,
+    /// The trust region is not halved below this share of what it begins with.
+    pub least_radius: f64,
+    /// Steps at most, refused ones included.
+    pub max_steps: usize,
+}
+
+/// Why it ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stop {
+    /// A step that nothing cuts short grows less than the tolerance.
+    Converged,
+    /// The trust region has become as small as it may.
+    SmallestRegion,
+    /// The steps ran out.
+    StepLimit,
+}
+
+/// What it came to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Climb {
+    /// The input.
+    pub input: Vec<f64>,
+    /// The factor by which the criterion has grown; see [`factor`].
+    pub factor: f64,
+    /// That factor after each step taken.
+    pub history: Vec<f64>,
+    /// Steps taken.
+    pub steps: usize,
+    /// Linear programs solved.
+    pub programs: usize,
+    /// Steps of the interior-point method in all.
+    pub iterations: usize,
+    /// A step from the input, not taken: its bound proves how much more is to be had, to first order, within the trust region.
+    pub last: Step,
+    /// δ_u of that step, the last one that was tried with.
+    pub radius: f64,
+    /// Why it ended.
+    pub stop: Stop,
+}
+
+/// Why there is no climb.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ClimbError {
+    /// The start has the wrong length.
+    #[error("the start has {found} samples, and the record {expected}")]
+    Length {
+        /// Samples of the start.
+        found: usize,
+        /// Samples of the record.
+        expected: usize,
+    },
+    /// The start breaks a limit.
+    #[error("the start breaks a limit: {0}")]
+    Broken(Broken),
+    /// The start does not determine the parameters, so that no variance can be made smaller.
+    #[error("the start carries no information about some combination of the parameters")]
+    Undetermined,
+    /// A linear program could not be set up: a number overflows.
+    #[error("a step could not be computed: {0}")]
+    Program(BoxedError),
+    /// Somebody asked to stop.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
+}
+
+impl From<BoxedError> for ClimbError {
+    fn from(error: BoxedError) -> Self {
+        match error {
+            BoxedError::Stopped(stopped) => Self::Stopped(stopped),
+            error => Self::Program(error),
+        }
+    }
+}
+
+/// Shares of a step below this are not worth taking: the trust region is halved.
+const LEAST_SHARE: f64 = 0.05;
+/// By what a share is shortened until the limits hold.
+const SHORTER: f64 = 0.8;
+/// Points of the first look along a step.
+const LOOKS: usize = 8;
+/// Halvings of the interval around the best of them.
+const NARROWINGS: usize = 30;
+
+/// Climbs from a start that keeps to the limits. Progress advances by one for each step.
+///
+/// # Errors
+/// [`ClimbError`].
+pub fn climb(
+    information: &Information,
+    limits: &Limits,
+    start: &[f64],
+    settings: &Settings,
+    ctl: &Ctl,
+) -> Result<Climb, ClimbError> {
+    if start.len() != information.samples() {
+        return Err(ClimbError::Length { found: start.len(), expected: information.samples() });
+    }
+    if let Some(broken) = limits.broken(start) {
+        return Err(ClimbError::Broken(broken));
+    }
+    let criterion = settings.criterion;
+    let parameters = information.parameters();
+    let mut u = start.to_vec();
+    let mut sensitivities = information.sensitivities(&u);
+    let first = information.of(&sensitivities).value(criterion).filter(|v| v.is_finite() && *v != 0.0);
+    let first = first.ok_or(ClimbError::Undetermined)?;
+    let mut value = first;
+    let mut radius = settings.radius;
+    let mut active: BTreeSet<Row> = BTreeSet::new();
+    let (mut history, mut programs, mut iterations, mut tried) = (Vec::new(), 0, 0, 0);
+    loop {
+        ctl.check()?;
+        let gradient = information.gradient(criterion, &sensitivities).ok_or(ClimbError::Undetermined)?;
+        let found = step(limits, &u, &gradient, radius, &mut active, ctl)?;
+        programs += found.rounds;
+        iterations += found.iterations;
+        tried += 1;
+        ctl.advance(1);
+        let change: Vec<f64> = found.direction.iter().map(|d| radius * d).collect();
+        let forced = information.forced(&change);
+        let along = information.along(&sensitivities, &forced);
+        let mut share = best_share(information, criterion, &along);
+        let next = |share: f64| -> Vec<f64> {
+            let sample = |(u, d): (&f64, &f64)| (u + share * d).clamp(limits.input[0], limits.input[1]);
+            u.iter().zip(&change).map(sample).collect()
+        };
+        let mut candidate = next(share);
+        while share >= LEAST_SHARE && limits.broken(&candidate).is_some() {
+            share *= SHORTER;
+            candidate = next(share);
+        }
+        let grown = information.scaled(&along[0] + &along[1] * share + &along[2] * share * share).value(criterion);
+        let grown = grown.filter(|grown| share >= LEAST_SHARE && *grown > value);
+        let mut relative = 0.0;
+        if let Some(grown) = grown {
+            relative = factor(criterion, grown, value, parameters) - 1.0;
+            u = candidate;
+            sensitivities = information.sensitivities(&u);
+            // Anew from the input: sums of changes would drift.
+            value = information.of(&sensitivities).value(criterion).ok_or(ClimbError::Undetermined)?;
+            history.push(factor(criterion, value, first, parameters));
+        }
+        // A step that is cut short says nothing about what a smaller region could still do.
+        let converged = relative < settings.tolerance && grown.is_some() && share == 1.0;
+        let used = radius;
+        if relative < settings.tolerance && !converged {
+            radius *= 0.5;
+        }
+        let smallest = radius < settings.least_radius * settings.radius;
+        if converged || smallest || tried >= settings.max_steps {
+            let stop = if converged {
+                Stop::Converged
+            } else if smallest {
+                Stop::SmallestRegion
+            } else {
+                Stop::StepLimit
+            };
+            let gradient = information.gradient(criterion, &sensitivities).ok_or(ClimbError::Undetermined)?;
+            let last = step(limits, &u, &gradient, used, &mut active, ctl)?;
+            programs += last.rounds;
+            iterations += last.iterations;
+            let factor = factor(criterion, value, first, parameters);
+            let steps = history.len();
+            return Ok(Climb { input: u, factor, history, steps, programs, iterations, last, radius: used, stop });
+        }
+    }
+}
+
+/// The share of a step at which the criterion is largest; 1 for T, which is convex.
+fn best_share(information: &Information, criterion: Criterion, along: &[DMatrix<f64>; 3]) -> f64 {
+    if !criterion.needs_inverse() {
+        return 1.0;
+    }
+    let value = |share: f64| {
+        let matrix = &along[0] + &along[1] * share + &along[2] * share * share;
+        information.scaled(matrix).value(criterion).unwrap_or(f64::NEG_INFINITY)
+    };
+    let best = (1..=LOOKS)
+        .map(|i| i as f64 / LOOKS as f64)
+        .map(|share| (share, value(share)))
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .map_or(1.0, |(share, _)| share);
+    let width = 1.0 / LOOKS as f64;
+    let (mut low, mut high) = ((best - width).max(0.0), (best + width).min(1.0));
+    for _ in 0..NARROWINGS {
+        let (left, right) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+        if value(left) < value(right) { low = left } else { high = right }
+    }
+    let ends = [best, 0.5 * (low + high)];
+    if value(ends[1]) > value(ends[0]) { ends[1] } else { ends[0] }
+}
