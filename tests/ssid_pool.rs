@@ -182,7 +182,7 @@ fn counting_several_rows_at_once_agrees_with_row_by_row() {
     let mut seen = 0;
     for case in 0..200 {
         let mut rows = |count: usize, length: usize, size: f64| -> Vec<Vec<f64>> {
-            let mut entry = |i: usize, j: usize| if (i + j + case) % 7 == 0 { 0.0 } else { draw(-size, size) };
+            let mut entry = |i: usize, j: usize| if (i + j + case).is_multiple_of(7) { 0.0 } else { draw(-size, size) };
             (0..count).map(|i| (0..length).map(|j| entry(i, j)).collect()).collect()
         };
         let (numerators, mut denominators) = (rows(27, 3, 1.5), rows(6, 2, 1.2));

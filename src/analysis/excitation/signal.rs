@@ -151,7 +151,9 @@ fn generator(value: &Value, at: &str) -> Result<Generator, Problem> {
 fn checked(spec: SequenceSpec, at: &str) -> Result<CheckedSequence, Problem> {
     spec.check().map_err(|error| match problems::sequence(&error, at) {
         Failure::Problem(problem) => problem,
-        Failure::Stopped(stopped) => Problem::new(Code::Internal, "stopped", stopped.to_string()).at(at),
+        Failure::Stopped(stopped) | Failure::Interrupted { stopped, .. } => {
+            Problem::new(Code::Internal, "stopped", stopped.to_string()).at(at)
+        }
     })
 }
 

@@ -125,7 +125,7 @@ fn inline(value: &Value, at: &str) -> Result<Signals, Problem> {
             let at = format!("{at}/initial_state");
             let state: Vec<f64> =
                 serde_json::from_value(value.clone()).map_err(|error| wrong(error.to_string(), at.clone()))?;
-            if state.iter().any(|v| !(v.abs() <= LARGEST)) {
+            if state.iter().any(|v| v.is_nan() || v.abs() > LARGEST) {
                 return Err(wrong(format!("an entry is larger than {LARGEST:e}"), at));
             }
             Some(state)
@@ -133,6 +133,9 @@ fn inline(value: &Value, at: &str) -> Result<Signals, Problem> {
     };
     Ok(Signals { sample_time_s, input, output, control, initial_state })
 }
+
+/// Plant, signals, and content hashes by JSON pointer.
+type Resolved = (WrittenPlant, Vec<Signals>, BTreeMap<String, String>);
 
 impl GainFitInputs {
     /// Checks the `inputs` of a request.
@@ -239,10 +242,7 @@ impl GainFitInputs {
 
     /// Plant, signals, and content hashes, with stored trials fetched. A stored trial's disturbance is the input where it has one, its
     /// command otherwise.
-    pub(super) fn resolve(
-        &self,
-        library: &Library,
-    ) -> Result<(WrittenPlant, Vec<Signals>, BTreeMap<String, String>), Problem> {
+    pub(super) fn resolve(&self, library: &Library) -> Result<Resolved, Problem> {
         let mut hashes: BTreeMap<String, String> =
             self.written.iter().map(|(name, value)| (format!("/inputs/{name}"), sha256_json(value))).collect();
         let ids = match &self.trials {

@@ -194,7 +194,7 @@ impl FeedbackTable {
         let rows = self.block(block);
         let per_denominator = self.rows_per_denominator();
         let mut count = 0;
-        if rows.start % per_denominator == 0 && rows.end % per_denominator == 0 {
+        if rows.start.is_multiple_of(per_denominator) && rows.end.is_multiple_of(per_denominator) {
             for denominator in rows.start / per_denominator..rows.end / per_denominator {
                 count += self.scan(denominator, None, ctl)?;
             }

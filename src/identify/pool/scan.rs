@@ -113,6 +113,8 @@ impl WithSimd for Scan<'_> {
     type Output = u64;
 
     #[inline(always)]
+    // The index runs over several arrays at once.
+    #[allow(clippy::needless_range_loop)]
     fn with_simd<S: Simd>(self, simd: S) -> u64 {
         let Self { numerators, gains, base, peak, mut into } = self;
         let splat = |x: f64| simd.splat_f64s(x);

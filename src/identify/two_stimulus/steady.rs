@@ -110,10 +110,12 @@ pub fn ceilings(lines: &StimulusLines, groups: &[usize]) -> Ceilings {
     Ceilings { at_lines, by_group: missed(1), left_out: missed(2) }
 }
 
+type Square = [[Complex64; 2]; 2];
+
 /// Least squares of every group at a line.
 struct Fit {
     /// Inverse Gram matrices and responses `[stimulus][channel]` of each group that excites the line.
-    groups: Vec<Option<([[Complex64; 2]; 2], [[Complex64; 2]; 2])>>,
+    groups: Vec<Option<(Square, Square)>>,
 }
 
 /// Residuals of control and output: of a segment, their mean over the segments of its trial, and `1 − h`.
