@@ -67,7 +67,7 @@ fn run(kind: &str, inputs: Value, spec: Value) -> Result<Report, Problem> {
     match plan.run(&Library::default(), &Ctl::new()) {
         Ok(report) => Ok(report),
         Err(Failure::Problem(problem)) => Err(problem),
-        Err(Failure::Stopped(stopped)) => panic!("{stopped}"),
+        Err(Failure::Stopped(stopped) | Failure::Interrupted { stopped, .. }) => panic!("{stopped}"),
     }
 }
 
@@ -352,7 +352,7 @@ fn the_steady_state_of_a_simulation_has_the_computed_flatness() {
     let n = sequence.period.unwrap().samples.unwrap();
     let lines = sequence.harmonics.clone().unwrap();
     let time = Discrete::new(0.001).unwrap();
-    for (band, gain, first) in [(5.0, 9051.916_234_351_42, 1.9746), (10.0, 38_343.507_417_795_35, 2.3711)] {
+    for (band, gain, first) in [(5.0, 9_051.916_234_351_42, 1.9746), (10.0, 38_343.507_417_795_35, 2.3711)] {
         let plant = SampledPlant::mass_damper(10.0, 50.0, time).unwrap();
         let path = Path::closed(plant, &System::from(TransferFunction::new(&[gain], &[1.0], time).unwrap())).unwrap();
         let out = path.carry(&sequence.values).unwrap().output;
@@ -562,7 +562,7 @@ fn motion_from_states_agrees_with_differences_and_with_newton() {
 #[test]
 fn the_report_has_the_shape_that_scripts_rely_on() {
     let inputs =
-        json!({"signal": SIGNAL(), "plant": DRIVE(), "controller": {"num": [9051.916_234_351_42], "den": [1]}});
+        json!({"signal": SIGNAL(), "plant": DRIVE(), "controller": {"num": [9_051.916_234_351_42], "den": [1]}});
     let spec = json!({"band_hz": [5, 10, [1, 8]], "limits": {"force": 1e5, "position": 2.0}, "include_samples": true});
     let report = run("excitation_quality", inputs, spec).unwrap();
     assert_eq!(report.kind, Kind::ExcitationQuality);
