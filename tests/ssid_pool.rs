@@ -2,12 +2,13 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use num_complex::Complex64;
+use rand::RngExt;
 use serde_json::json;
-use volition::control::{Discrete, System, discretise};
+use volition::control::{Continuous, Discrete, System, TransferFunction, discretise};
 use volition::identify::pool::recipe::Ingredients;
 use volition::identify::pool::roots::RootPair;
-use volition::identify::pool::{Degrees, PoolName, PoolSpec};
-use volition::num::{Ctl, Polynomial};
+use volition::identify::pool::{Degrees, Extremes, PoolName, PoolSpec, Recipe};
+use volition::num::{Ctl, Polynomial, rng};
 
 fn two_mass() -> System {
     System::Continuous(volition::plants::catalogue::two_mass())
@@ -105,4 +106,99 @@ fn thinned_counts_agree_with_a_slow_count() {
         assert!(found.abs_diff(stable) <= near, "{name}: {found} and {stable}, {near} too near to call");
         assert!(found > 100 && near * 200 < found, "{name}: {found} found, {near} near the boundary");
     }
+}
+
+/// The rows of every denominator, counted eight at a time and row by row: the same gains to the last one, and the same extremes.
+fn scans_agree(recipe: &Recipe, plant: &System, seen: &mut u64) {
+    let Ok(pool) = recipe.build(plant, &Ctl::new()) else { return };
+    let table = pool.feedback();
+    let width = table.numerators().len();
+    let scales: Vec<f64> = (0..width).map(|n| 0.3 + (n % 17) as f64).collect();
+    let mut total = 0;
+    for denominator in 0..table.denominators().len() {
+        let (mut fast, mut slow) = (Extremes::none(width), Extremes::none(width));
+        let scale = 1.0 + denominator as f64;
+        let count = table.scan(denominator, Some((&mut fast, scale, &scales)), &Ctl::new()).unwrap();
+        let mut listed = 0;
+        table
+            .walk_denominator(denominator, &Ctl::new(), |row| {
+                listed += row.gains.len() as u64;
+                let Some(n) = row.numerator else { return Ok(()) };
+                for gain in row.gains {
+                    let modulus = gain.abs() * (scale * scales[n]);
+                    let (least, most) = if *gain > 0.0 {
+                        (&mut slow.least_positive[n], &mut slow.most_positive[n])
+                    } else {
+                        (&mut slow.least_negative[n], &mut slow.most_negative[n])
+                    };
+                    (*least, *most) = (least.min(modulus), most.max(modulus));
+                }
+                // The same gains by looking at each sign within bounds.
+                for negative in [false, true] {
+                    let mut opened: Vec<Option<usize>> = Vec::new();
+                    table.open(denominator).visit(n, negative, [0.0, f64::INFINITY], |f| opened.push(f.gain_position));
+                    opened.sort_unstable();
+                    let of_sign = |i: &usize| (row.gains[*i] < 0.0) == negative;
+                    let row: Vec<_> = (0..row.gains.len()).filter(of_sign).map(|i| Some(row.positions()[i])).collect();
+                    assert_eq!(opened, row);
+                }
+                Ok(())
+            })
+            .unwrap();
+        assert_eq!(count, listed, "denominator {denominator}");
+        assert_eq!(fast, slow, "denominator {denominator}");
+        total += count;
+    }
+    assert_eq!(total, table.len());
+    *seen += total;
+}
+
+#[test]
+fn counting_several_rows_at_once_agrees_with_row_by_row() {
+    let time = Discrete::new(0.02).unwrap();
+    let zoh = |plant| System::Discrete(discretise::zero_order_hold(&plant, time).unwrap());
+    let unstable = TransferFunction::new(&[1.0, 3.0], &[1.0, 0.2, -0.5], Continuous).unwrap();
+    let mut seen = 0;
+    for plant in [
+        zoh(volition::plants::catalogue::minimum_phase()),
+        zoh(volition::plants::catalogue::nonminimum_phase()),
+        zoh(volition::plants::catalogue::damped_double_integrator()),
+        zoh(unstable),
+    ] {
+        for thin in [[13, 11, 5, 1], [17, 9, 7, 2]] {
+            let spec: PoolSpec = serde_json::from_value(json!({
+                "name": "zhang2015_appendix_c",
+                "thin": {"poles": thin[0], "zeros": thin[1], "damping": thin[2], "gains": thin[3]}
+            }))
+            .unwrap();
+            scans_agree(&spec.check(Degrees::default()).unwrap(), &plant, &mut seen);
+        }
+    }
+    assert!(seen > 1_000_000, "{seen}");
+
+    // Coefficients as they come: leading ones of either sign, zeros among them, gains of either sign.
+    let mut rng = rng::stream(29, "scan");
+    let mut draw = move |low: f64, high: f64| low + (high - low) * rng.random::<f64>();
+    let mut seen = 0;
+    for case in 0..200 {
+        let mut rows = |count: usize, length: usize, size: f64| -> Vec<Vec<f64>> {
+            let mut entry = |i: usize, j: usize| if (i + j + case) % 7 == 0 { 0.0 } else { draw(-size, size) };
+            (0..count).map(|i| (0..length).map(|j| entry(i, j)).collect()).collect()
+        };
+        let (numerators, mut denominators) = (rows(27, 3, 1.5), rows(6, 2, 1.2));
+        denominators.push(vec![-0.5, 0.06]);
+        let plant = rows(1, 3, 1.0).remove(0);
+        let plant = TransferFunction::new(&[0.4 + plant[0].abs(), plant[1]], &[1.0, -1.2, 0.35 + 0.1 * plant[2]], time)
+            .unwrap();
+        let spec: PoolSpec = serde_json::from_value(json!({
+            "grid": {"feedback_numerator": {"listed": numerators}, "feedback_denominator": {"listed": denominators}},
+            "stability_margin": if case % 2 == 0 { 0.0 } else { 0.1 },
+        }))
+        .unwrap();
+        let mut recipe = spec.check(Degrees::default()).unwrap();
+        recipe.gains = vec![1.0, -0.3, 0.05, -2.0, 0.4, 1e-3, 7.0, -0.01, 1.0 + 1e-15];
+        recipe.zero_gain = case % 3 == 0;
+        scans_agree(&recipe, &System::Discrete(plant), &mut seen);
+    }
+    assert!(seen > 5_000, "{seen}");
 }

@@ -2,12 +2,16 @@
 
 use super::factor::Factor;
 use super::routh;
+use super::scan::{self, Extremes, Gains, Numerators, Scan};
 use crate::identify::time::multiply;
 use crate::num::{Ctl, Stopped};
 use rayon::prelude::*;
 
 /// Blocks that the table is cut into, if it has so many rows.
 const BLOCKS: usize = 4096;
+
+/// With so many denominators, no block needs to hold a part of one.
+const ENOUGH: usize = 256;
 
 /// Raw gains tested between two looks at the stop flag (about 20 ms).
 const TESTS_PER_CHECK: usize = 1 << 20;
@@ -83,6 +87,10 @@ pub struct FeedbackTable {
     plant: MappedPlant,
     /// The plant's numerator times each feedback numerator: what a gain multiplies in the closed-loop polynomial.
     steps: Vec<Vec<f64>>,
+    /// For loops of degree four: the numerators side by side, and the gains in order.
+    scan: Option<(Numerators, Gains)>,
+    /// Moduli and positions of the listed gains by increasing modulus, positive and negative.
+    by_modulus: [Vec<(f64, usize)>; 2],
     /// Rows (denominator, zero or numerator) per block.
     rows_per_block: usize,
     /// Number of controllers before each block, and in all.
@@ -111,32 +119,141 @@ pub(super) struct MappedPlant {
     pub(super) padding: usize,
 }
 
+/// A denominator of a table; see [`FeedbackTable::open`].
+#[derive(Debug)]
+pub struct Opened<'a> {
+    table: &'a FeedbackTable,
+    denominator: usize,
+    /// The closed-loop polynomial without feedback.
+    base: Vec<f64>,
+}
+
+impl Opened<'_> {
+    /// Visits the stable controllers with this numerator whose factor in front of it has this sign and a modulus within these
+    /// bounds (ends included), by increasing modulus.
+    pub fn visit(&self, numerator: usize, negative: bool, [low, high]: [f64; 2], mut visit: impl FnMut(Feedback)) {
+        let Self { table, denominator, base } = self;
+        let Some(unit) = table.unit(*denominator, numerator) else { return };
+        let listed = &table.by_modulus[usize::from(negative)];
+        let first = listed.partition_point(|(modulus, _)| modulus * unit < low);
+        let last = listed.partition_point(|(modulus, _)| modulus * unit <= high).max(first);
+        let padding = table.plant.padding;
+        for some in listed[first..last].chunks(scan::LANES) {
+            let mut gains = [0.0; scan::LANES];
+            for (gain, (_, position)) in gains.iter_mut().zip(some) {
+                *gain = table.lists.gains[*position] * unit;
+            }
+            routh::stable_gains(&base[padding..], &table.steps[numerator][padding..], &gains[..some.len()], |i| {
+                let (gain, gain_position) = (gains[i], Some(some[i].1));
+                visit(Feedback { denominator: *denominator, numerator: Some(numerator), gain, gain_position });
+            });
+        }
+    }
+}
+
 impl FeedbackTable {
     /// Counts the stable controllers and makes the table.
     ///
     /// # Errors
     /// [`Stopped`] when `ctl` says so.
     pub(super) fn new(lists: FeedbackLists, plant: MappedPlant, ctl: &Ctl) -> Result<Self, Stopped> {
-        let steps = lists.numerators.iter().map(|n| multiply(&plant.numerator, &n.mapped)).collect();
-        let mut table = Self { lists, plant, steps, rows_per_block: 1, before: vec![0] };
+        let steps: Vec<Vec<f64>> = lists.numerators.iter().map(|n| multiply(&plant.numerator, &n.mapped)).collect();
+        let scan = (plant.padding == 0 && steps.iter().all(|step| step.len() == scan::LENGTH)).then(|| {
+            let squares = match &lists.normalisation {
+                Normalisation::None => None,
+                Normalisation::Peak { numerators, .. } => Some(numerators.as_slice()),
+            };
+            (Numerators::new(&steps, squares), Gains::new(&lists.gains))
+        });
+        let by_modulus = [false, true].map(|negative| {
+            let listed = lists.gains.iter().enumerate().filter(|(_, gain)| (**gain < 0.0) == negative);
+            let mut moduli: Vec<(f64, usize)> = listed.map(|(at, gain)| (gain.abs(), at)).collect();
+            moduli.sort_by(|a, b| a.0.total_cmp(&b.0));
+            moduli
+        });
+        let mut table = Self { lists, plant, steps, scan, by_modulus, rows_per_block: 1, before: vec![0] };
         let rows = table.rows();
         table.rows_per_block = rows.div_ceil(BLOCKS).max(1);
+        let per_denominator = table.rows_per_denominator();
+        if table.lists.denominators.len() >= ENOUGH {
+            // Whole denominators, which are counted several rows at a time.
+            table.rows_per_block = table.rows_per_block.next_multiple_of(per_denominator);
+        }
         let blocks = rows.div_ceil(table.rows_per_block);
-        let counts = (0..blocks)
-            .into_par_iter()
-            .map(|block| {
-                let mut count = 0;
-                table.walk(block, ctl, |row| {
-                    count += row.gains.len() as u64;
-                    Ok(())
-                })?;
-                Ok(count)
-            })
-            .collect::<Result<Vec<u64>, Stopped>>()?;
+        ctl.set_total(rows as u64);
+        let counts =
+            (0..blocks).into_par_iter().map(|block| table.count(block, ctl)).collect::<Result<Vec<u64>, Stopped>>()?;
         for count in counts {
             table.before.push(table.before[table.before.len() - 1] + count);
         }
         Ok(table)
+    }
+
+    /// Counts the stable controllers of a block.
+    fn count(&self, block: usize, ctl: &Ctl) -> Result<u64, Stopped> {
+        let rows = self.block(block);
+        let per_denominator = self.rows_per_denominator();
+        let mut count = 0;
+        if rows.start % per_denominator == 0 && rows.end % per_denominator == 0 {
+            for denominator in rows.start / per_denominator..rows.end / per_denominator {
+                count += self.scan(denominator, None, ctl)?;
+            }
+        } else {
+            self.walk(block, ctl, |row| {
+                count += row.gains.len() as u64;
+                Ok(())
+            })?;
+        }
+        ctl.advance(rows.len() as u64);
+        Ok(count)
+    }
+
+    /// The number of stable controllers with this denominator, zero feedback included. `into` takes in the moduli of
+    /// the stable gains of each numerator, times the first scale and that numerator's own.
+    ///
+    /// # Errors
+    /// [`Stopped`] when `ctl` says so.
+    ///
+    /// # Panics
+    /// If there are fewer scales or extremes than numerators, which is a mistake of the caller.
+    pub fn scan(
+        &self,
+        denominator: usize,
+        mut into: Option<(&mut Extremes, f64, &[f64])>,
+        ctl: &Ctl,
+    ) -> Result<u64, Stopped> {
+        let first = denominator * self.rows_per_denominator();
+        let own = first..first + self.rows_per_denominator();
+        let zero = usize::from(self.lists.zero);
+        let mut count = 0;
+        let mut rest = own;
+        if let Some((numerators, gains)) = &self.scan {
+            let product = multiply(&self.plant.denominator, &self.lists.denominators[denominator].mapped);
+            let base = std::array::from_fn(|i| product[i]);
+            let (peak, vanishes) = match &self.lists.normalisation {
+                Normalisation::None => (None, false),
+                Normalisation::Peak { denominators, band, .. } => {
+                    let (square, vanishes) = denominators[denominator];
+                    (Some((square, *band)), vanishes)
+                }
+            };
+            if !vanishes {
+                let into = into.as_mut().map(|(extremes, scale, scales)| (&mut **extremes, *scale, *scales));
+                count += pulp::Arch::new().dispatch(Scan { numerators, gains, base, peak, into });
+            }
+            rest.start += zero + numerators.len();
+            if zero == 1 && routh::stable(&product[self.plant.padding..]) {
+                count += 1;
+            }
+        }
+        self.walk_rows(rest, ctl, |row| {
+            count += row.gains.len() as u64;
+            if let (Some((extremes, scale, scales)), Some(numerator)) = (&mut into, row.numerator) {
+                row.gains.iter().for_each(|gain| extremes.take(numerator, gain * (*scale * scales[numerator])));
+            }
+            Ok(())
+        })?;
+        Ok(count)
     }
 
     /// The number of stable controllers.
@@ -239,17 +356,14 @@ impl FeedbackTable {
     /// The row of a numerator (or zero feedback) over a denominator.
     fn row(&self, denominator: usize, numerator: Option<usize>) -> usize {
         let zero = usize::from(self.lists.zero);
-        denominator * (self.lists.numerators.len() + zero) + numerator.map_or(0, |n| n + zero)
+        denominator * self.rows_per_denominator() + numerator.map_or(0, |n| n + zero)
     }
 
-    /// Visits the stable controllers with this denominator and this numerator, in order.
-    pub fn visit(&self, denominator: usize, numerator: usize, mut visit: impl FnMut(Feedback)) {
-        let row = self.row(denominator, Some(numerator));
-        // As above.
-        let _ = self.walk_rows(row..row + 1, &Ctl::new(), |row| {
-            (0..row.gains.len()).filter_map(|i| row.get(i)).for_each(&mut visit);
-            Ok(())
-        });
+    /// A denominator, to look at with some of the numerators and gains.
+    #[must_use]
+    pub fn open(&self, denominator: usize) -> Opened<'_> {
+        let base = multiply(&self.plant.denominator, &self.lists.denominators[denominator].mapped);
+        Opened { table: self, denominator, base }
     }
 
     /// Visits the rows of a denominator in order, without those that have no stable controller.
@@ -260,9 +374,8 @@ impl FeedbackTable {
     where
         F: FnMut(Row<'_>) -> Result<(), Stopped>,
     {
-        let per_denominator = self.lists.numerators.len() + usize::from(self.lists.zero);
-        let first = denominator * per_denominator;
-        self.walk_rows(first..first + per_denominator, ctl, visit)
+        let first = denominator * self.rows_per_denominator();
+        self.walk_rows(first..first + self.rows_per_denominator(), ctl, visit)
     }
 
     /// The gains with which a numerator (or zero feedback) over a denominator makes a stable loop, in order.
@@ -294,15 +407,24 @@ impl FeedbackTable {
     where
         F: FnMut(Row<'_>) -> Result<(), Stopped>,
     {
+        self.walk_rows(self.block(block), ctl, visit)
+    }
+
+    /// The rows of a block.
+    fn block(&self, block: usize) -> std::ops::Range<usize> {
         let first = block * self.rows_per_block;
-        self.walk_rows(first..(first + self.rows_per_block).min(self.rows()), ctl, visit)
+        first..(first + self.rows_per_block).min(self.rows())
+    }
+
+    fn rows_per_denominator(&self) -> usize {
+        self.lists.numerators.len() + usize::from(self.lists.zero)
     }
 
     fn walk_rows<F>(&self, rows: std::ops::Range<usize>, ctl: &Ctl, mut visit: F) -> Result<(), Stopped>
     where
         F: FnMut(Row<'_>) -> Result<(), Stopped>,
     {
-        let per_denominator = self.lists.numerators.len() + usize::from(self.lists.zero);
+        let per_denominator = self.rows_per_denominator();
         let mut opened = None;
         let mut base = Vec::new();
         let mut tests = 0;
@@ -344,7 +466,7 @@ impl FeedbackTable {
     }
 
     fn rows(&self) -> usize {
-        self.lists.denominators.len() * (self.lists.numerators.len() + usize::from(self.lists.zero))
+        self.lists.denominators.len() * self.rows_per_denominator()
     }
 
     /// The factor that turns a listed gain into the numerator's; `None` where the peak is infinite.

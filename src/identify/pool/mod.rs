@@ -10,14 +10,16 @@ mod peak;
 pub mod recipe;
 pub mod roots;
 mod routh;
+mod scan;
 pub mod spec;
 mod unfold;
 
 use crate::identify::time::Region;
 use factor::Factor;
-pub use feedback::{Feedback, FeedbackTable};
+pub use feedback::{Feedback, FeedbackTable, Opened};
 pub use recipe::{PoolError, Recipe};
 pub use routh::LARGEST_DEGREE;
+pub use scan::Extremes;
 pub use spec::{Degrees, PoolName, PoolSpec, PoolSpecError};
 
 /// A pool on a plant.

@@ -10,7 +10,7 @@ const LANES: usize = 8;
 ///
 /// On the boundary of the region an entry is zero in exact arithmetic and some units in the last place in floating point,
 /// of either sign. The boundary does not belong to the region, so rounding must not let it in.
-const POSITIVE: f64 = 1e-12;
+pub(super) const POSITIVE: f64 = 1e-12;
 
 /// Whether a polynomial (descending powers) has all of its roots in the open left half plane; see [`stable_gains`].
 pub(super) fn stable(polynomial: &[f64]) -> bool {

@@ -12,9 +12,11 @@
 //! `2 α r̄ M` and `2 α r̄ (M − S)`, where `M = E − α r`, and since r is orthogonal to the columns, whatever part of a variation
 //! the feedforward numerator can make up for drops out of it. With `κ = T (e^Λ − 1)`, `T = G Gfb/(1 + G Gfb)`, and Λ the sum of the
 //! deviations of numerator, denominator and gain in logarithms, the linear part is minimised over the boxes of the clusters'
-//! coordinates. What is left is of second order:
+//! coordinates. With `Λ = λ + ρ`, λ along the directions, the quadratic part `2 α Re Σ r̄ M T λ²/2` has one coefficient per pair of
+//! coordinates; r is nearly orthogonal to whatever is smooth, so these are far smaller than the moduli of their terms. Squares
+//! are minimised with their linear part, products by their moduli. What is left:
 //!
-//! `2 α Σ |r| |M| (|T| (ρ + e^|Λ| − 1 − |Λ|) + |κ| |δ|) + α² Σ |r|² ((1+|κ|)(1+|δ|) − 1)²`,
+//! `2 α Σ |r| |M| (|T| (ρ (1 + |Λ| + ρ/2) + e^|Λ| − 1 − |Λ| − |Λ|²/2) + |κ| |δ|) + α² Σ |r|² ((1+|κ|)(1+|δ|) − 1)²`,
 //!
 //! its first sum by Cauchy and Schwarz. `α = min(1, √(limit/J))` is best for proving that members cost more than `limit`.
 //!
@@ -161,7 +163,7 @@ mod found {
     pub const S_IM: usize = 8;
     pub const T_RE: usize = 9;
     pub const T_IM: usize = 10;
-    /// |T| (ρ + e^Λ − 1 − Λ).
+    /// |T| (ρ (1 + |Λ| + ρ/2) + e^|Λ| − 1 − |Λ| − |Λ|²/2).
     pub const CURVATURE: usize = 11;
     /// Bound of |κ|.
     pub const KAPPA: usize = 12;
@@ -332,15 +334,19 @@ impl WithSimd for Prepare<'_> {
                 if extended {
                     let modulus = simd.sqrt_f64s(fma(t_re, t_re, mul(t_im, t_im)));
                     let x = at(given::RADIUS);
-                    // e^x − 1 − x ≤ x² (1/2 + x (1/6 + x (1/24 + x/69))) up to x = 2.
-                    let series =
-                        fma(x, fma(x, fma(x, splat(1.0 / 69.0), splat(1.0 / 24.0)), splat(1.0 / 6.0)), splat(0.5));
+                    let rho = at(given::REMAINDER);
+                    // e^x − 1 − x − x²/2 ≤ x³ (1/6 + x (1/24 + x/82)) up to x = 2.
+                    let x2 = mul(x, x);
+                    let third = mul(mul(x, x2), fma(x, fma(x, splat(1.0 / 82.0), splat(1.0 / 24.0)), splat(1.0 / 6.0)));
                     let small = simd.less_than_or_equal_f64s(x, splat(LARGEST_DEVIATION));
-                    let curvature = simd.select_f64s(small, mul(mul(x, x), series), splat(UNKNOWN));
+                    let third = simd.select_f64s(small, third, splat(UNKNOWN));
+                    // Λ²/2 − λ²/2 = ρ (Λ − ρ/2).
+                    let left = mul(rho, fma(rho, splat(0.5), simd.add_f64s(x, splat(1.0))));
+                    let exponential = fma(x2, splat(0.5), simd.add_f64s(x, third));
                     put(found::T_RE, t_re);
                     put(found::T_IM, t_im);
-                    put(found::CURVATURE, mul(modulus, simd.add_f64s(at(given::REMAINDER), curvature)));
-                    put(found::KAPPA, mul(modulus, simd.add_f64s(x, curvature)));
+                    put(found::CURVATURE, mul(modulus, simd.add_f64s(left, third)));
+                    put(found::KAPPA, mul(modulus, exponential));
                 }
             }
         }
@@ -544,7 +550,10 @@ impl<const P: usize, const Q: usize> WithSimd for Bound<'_, P, Q> {
             let floor = simd.max_f64s(cost, splat(f64::MIN_POSITIVE));
             let alpha = simd.min_f64s(splat(1.0), simd.sqrt_f64s(simd.div_f64s(splat(limit), floor)));
             let mut gain_slope = zero;
-            let mut slopes = [[zero; DIRECTIONS]; 3];
+            let mut slopes = [zero; 2 * DIRECTIONS];
+            let mut other_slopes = [zero; DIRECTIONS];
+            // Coefficients of the products of two coordinates; half of the diagonal counts.
+            let mut products = [[zero; 2 * DIRECTIONS]; 2 * DIRECTIONS];
             let (mut curved, mut curved_own, mut curved_other) = (zero, zero, zero);
             let (mut squares, mut squares_own, mut squares_other) = (zero, zero, zero);
             for (k, d) in denominators.rows.iter().enumerate() {
@@ -566,7 +575,7 @@ impl<const P: usize, const Q: usize> WithSimd for Bound<'_, P, Q> {
                 let y_re = fma(r_im, x_im, mul(r_re, x_re));
                 let y_im = nfma(r_im, x_re, mul(r_re, x_im));
                 for m in 0..DIRECTIONS {
-                    slopes[2][m] = nfma(y_im, splat(d[4 + 2 * m]), fma(y_re, splat(d[3 + 2 * m]), slopes[2][m]));
+                    other_slopes[m] = nfma(y_im, splat(d[4 + 2 * m]), fma(y_re, splat(d[3 + 2 * m]), other_slopes[m]));
                 }
                 squares_other = fma(mul(r2, delta), delta, squares_other);
                 if let Some(rho) = denominators.remainder.get(k) {
@@ -580,11 +589,17 @@ impl<const P: usize, const Q: usize> WithSimd for Bound<'_, P, Q> {
                     let w_re = nfma(u_im, t_im, mul(u_re, t_re));
                     let w_im = fma(u_im, t_re, mul(u_re, t_im));
                     gain_slope = simd.add_f64s(gain_slope, w_re);
-                    for c in 0..2 {
-                        for m in 0..DIRECTIONS {
-                            let field = given::DIRECTIONS + 2 * (c * DIRECTIONS + m);
-                            let (v_re, v_im) = (box_row[field * vectors + v], box_row[(field + 1) * vectors + v]);
-                            slopes[c][m] = nfma(w_im, v_im, fma(w_re, v_re, slopes[c][m]));
+                    let direction = |i: usize| {
+                        let field = given::DIRECTIONS + 2 * i;
+                        (box_row[field * vectors + v], box_row[(field + 1) * vectors + v])
+                    };
+                    for i in 0..2 * DIRECTIONS {
+                        let (v_re, v_im) = direction(i);
+                        let (p_re, p_im) = (nfma(w_im, v_im, mul(w_re, v_re)), fma(w_im, v_re, mul(w_re, v_im)));
+                        slopes[i] = simd.add_f64s(slopes[i], p_re);
+                        for j in 0..=i {
+                            let (v_re, v_im) = direction(j);
+                            products[i][j] = nfma(p_im, v_im, fma(p_re, v_re, products[i][j]));
                         }
                     }
                     let (kappa, own) = (at(found::KAPPA), at(found::CURVATURE));
@@ -604,15 +619,29 @@ impl<const P: usize, const Q: usize> WithSimd for Bound<'_, P, Q> {
                 let c = mul(two_alpha, slope);
                 simd.min_f64s(mul(c, low), mul(c, high))
             };
+            // g + g²/2 of the gain's coordinate g, its ends.
             let half = S::as_simd_f64s(&group.half).0[v];
-            let mut linear_own = simd.neg_f64s(mul(mul(two_alpha, simd.abs_f64s(gain_slope)), half));
-            for (slope, c) in slopes[..2].iter().flatten().zip(0..2 * DIRECTIONS) {
-                let (low, high) = (S::as_simd_f64s(&group.low[c]).0[v], S::as_simd_f64s(&group.high[c]).0[v]);
-                linear_own = simd.add_f64s(linear_own, support(*slope, low, high));
+            let square = mul(splat(0.5), mul(half, half));
+            let inner = simd.less_than_f64s(half, splat(1.0));
+            let gain_low = simd.select_f64s(inner, simd.sub_f64s(square, half), splat(-0.5));
+            let mut linear_own = support(gain_slope, gain_low, simd.add_f64s(square, half));
+            let mut extent = [zero; 2 * DIRECTIONS];
+            for i in 0..2 * DIRECTIONS {
+                let (low, high) = (S::as_simd_f64s(&group.low[i]).0[v], S::as_simd_f64s(&group.high[i]).0[v]);
+                extent[i] = simd.max_f64s(simd.abs_f64s(low), simd.abs_f64s(high));
+                let bend = mul(splat(0.5), simd.min_f64s(products[i][i], zero));
+                let at = |t| mul(two_alpha, mul(t, fma(bend, t, slopes[i])));
+                linear_own = simd.add_f64s(linear_own, simd.min_f64s(at(low), at(high)));
+                // Products of this coordinate with the gain's and with those before it.
+                let mut moduli = mul(simd.abs_f64s(slopes[i]), half);
+                for j in 0..i {
+                    moduli = fma(simd.abs_f64s(products[i][j]), extent[j], moduli);
+                }
+                linear_own = nfma(two_alpha, mul(moduli, extent[i]), linear_own);
             }
             let mut linear_other = zero;
             for m in 0..DIRECTIONS {
-                let s = support(slopes[2][m], splat(denominators.low[m]), splat(denominators.high[m]));
+                let s = support(other_slopes[m], splat(denominators.low[m]), splat(denominators.high[m]));
                 linear_other = simd.add_f64s(linear_other, s);
             }
             let alpha2 = mul(alpha, alpha);

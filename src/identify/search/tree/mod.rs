@@ -216,9 +216,12 @@ mod tests {
                     for j in z.members.clone().take(6) {
                         let (denominator, numerator) = (p_tree.order[i], z_tree.order[j]);
                         let scale = prepared.denominators.scales[denominator] * prepared.numerators.scales[numerator];
-                        pool.feedback().visit(denominator, numerator, |feedback| {
-                            members.push((feedback, (feedback.gain.abs() * scale).ln()));
-                        });
+                        for negative in [false, true] {
+                            let opened = pool.feedback().open(denominator);
+                            opened.visit(numerator, negative, [0.0, f64::INFINITY], |feedback| {
+                                members.push((feedback, (feedback.gain.abs() * scale).ln()));
+                            });
+                        }
                     }
                 }
                 if members.is_empty() {

@@ -22,8 +22,6 @@ pub struct Prepared {
     pub(super) without_feedback: Option<(u64, usize)>,
     /// Logarithmic distance of neighbouring gains, on average.
     pub(super) gain_step: f64,
-    /// Logarithms of the moduli of the listed gains.
-    pub(super) log_gains: Vec<f64>,
 }
 
 /// The factors of one kind.
@@ -86,6 +84,6 @@ impl Prepared {
         let (low, high) = log_gains.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
         let distinct = table.gains().len().max(2) as f64 / 2.0;
         let gain_step = if high > low { (high - low) / distinct } else { 1.0 };
-        Ok(Self { denominators, numerators, feedforward, ranges, without_feedback, gain_step, log_gains })
+        Ok(Self { denominators, numerators, feedforward, ranges, without_feedback, gain_step })
     }
 }

@@ -1,26 +1,12 @@
 //! Which gains make a stable loop, for whole clusters of feedback denominators and numerators.
 
 use super::axis::Tree;
-use crate::identify::pool::FeedbackTable;
+use crate::identify::pool::{Extremes, FeedbackTable};
 use crate::num::{Ctl, Stopped};
 use rayon::prelude::*;
 
 /// Largest number of pairs of clusters in the table (16 bytes each).
 const LARGEST_TABLE: usize = 1 << 23;
-
-/// Largest number of rows whose stable gains are kept (32 bytes each), and of gains that a row can keep.
-const LARGEST_ROWS: usize = 1 << 23;
-const LARGEST_GAINS: usize = 128;
-
-/// The stable gains of a denominator with a numerator.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Row {
-    /// A bit for each listed gain.
-    pub stable: u128,
-    /// What a listed gain is multiplied with, and the logarithm of that times the scales of the shapes.
-    pub unit: f64,
-    pub log: f64,
-}
 
 /// For each pair of a denominator cluster and a numerator cluster, and each sign of the gain, the range of the logarithms of
 /// the stable members' gains. Clusters too small for the table have the range of the smallest cluster around them that is in it.
@@ -32,9 +18,6 @@ pub(super) struct Ranges {
     columns: usize,
     /// `[low, high)` for positive gains, then for negative ones; rounded outwards.
     table: Vec<[f32; 4]>,
-    /// Every pair of a denominator and a numerator, denominators outermost; empty where there are too many.
-    rows: Vec<Row>,
-    width: usize,
 }
 
 const EMPTY: [f32; 4] = [f32::INFINITY, f32::NEG_INFINITY, f32::INFINITY, f32::NEG_INFINITY];
@@ -104,56 +87,45 @@ impl Ranges {
             })
             .collect();
         let width = scales[1].len();
-        let keep = scales[0].len() * width <= LARGEST_ROWS && table.gains().len() <= LARGEST_GAINS;
         let computed = leaves
             .par_iter()
             .map(|at| {
-                let mut each = vec![EMPTY; width];
-                let mut kept: Vec<(usize, Row)> = Vec::new();
+                let mut extremes = Extremes::none(width);
                 for i in denominators.nodes[rows[*at]].members.clone() {
                     let denominator = denominators.order[i];
-                    table.walk_denominator(denominator, ctl, |row| {
-                        let Some(numerator) = row.numerator else { return Ok(()) };
-                        let scale = scales[0][denominator] * scales[1][numerator];
-                        if keep {
-                            let unit = row.unit;
-                            let stable = row.positions().iter().fold(0, |bits, p| bits | 1_u128 << p);
-                            kept.push((
-                                denominator * width + numerator,
-                                Row { stable, unit, log: (unit * scale).ln() },
-                            ));
-                        }
-                        for gain in row.gains {
-                            let log = (gain.abs() * scale).ln();
-                            let (low, high) = ((log - 1e-6) as f32, (log + 1e-6) as f32);
-                            let (low, high) = (low.next_down(), high.next_up());
-                            let range = if *gain > 0.0 {
-                                [low, high, EMPTY[2], EMPTY[3]]
-                            } else {
-                                [EMPTY[0], EMPTY[1], low, high]
-                            };
-                            unite(&mut each[numerator], &range);
-                        }
-                        Ok(())
-                    })?;
+                    table.scan(denominator, Some((&mut extremes, scales[0][denominator], scales[1])), ctl)?;
                 }
-                let united = columns
-                    .iter()
-                    .map(|node| {
-                        let mut range = EMPTY;
-                        for i in numerators.nodes[*node].members.clone() {
-                            unite(&mut range, &each[numerators.order[i]]);
-                        }
-                        range
+                // Rounded outwards, by more than the logarithms that are compared with these can differ.
+                let low = |x: f64| if x < f64::INFINITY { ((x.ln() - 1e-6) as f32).next_down() } else { f32::INFINITY };
+                let high = |x: f64| if x > 0.0 { ((x.ln() + 1e-6) as f32).next_up() } else { f32::NEG_INFINITY };
+                let each: Vec<[f32; 4]> = (0..width)
+                    .map(|n| {
+                        [
+                            low(extremes.least_positive[n]),
+                            high(extremes.most_positive[n]),
+                            low(extremes.least_negative[n]),
+                            high(extremes.most_negative[n]),
+                        ]
                     })
-                    .collect::<Vec<_>>();
-                Ok((united, kept))
+                    .collect();
+                // As with the denominators below, from the smallest kept clusters to those around them.
+                let mut united = vec![EMPTY; columns.len()];
+                for at in (0..columns.len()).rev() {
+                    let node = &numerators.nodes[columns[at]];
+                    let inner = node.children.first().is_some_and(|child| column_of[*child] != at as u32);
+                    let mut range = EMPTY;
+                    if inner {
+                        node.children.iter().for_each(|child| unite(&mut range, &united[column_of[*child] as usize]));
+                    } else {
+                        node.members.clone().for_each(|i| unite(&mut range, &each[numerators.order[i]]));
+                    }
+                    united[at] = range;
+                }
+                Ok(united)
             })
             .collect::<Result<Vec<_>, Stopped>>()?;
         let mut ranges = vec![EMPTY; rows.len() * columns.len()];
-        let mut all = if keep { vec![Row::default(); scales[0].len() * width] } else { Vec::new() };
-        for (at, (row, kept)) in leaves.iter().zip(computed) {
-            kept.into_iter().for_each(|(at, row)| all[at] = row);
+        for (at, row) in leaves.iter().zip(computed) {
             ranges[at * columns.len()..(at + 1) * columns.len()].copy_from_slice(&row);
         }
         // Children come after their parents, so going backwards every child is complete before it is used.
@@ -168,19 +140,7 @@ impl Ranges {
                 }
             }
         }
-        Ok(Self {
-            denominators: row_of,
-            numerators: column_of,
-            columns: columns.len(),
-            table: ranges,
-            rows: all,
-            width,
-        })
-    }
-
-    /// The stable gains of a denominator with a numerator, where they are kept.
-    pub(super) fn row(&self, denominator: usize, numerator: usize) -> Option<&Row> {
-        self.rows.get(denominator * self.width + numerator)
+        Ok(Self { denominators: row_of, numerators: column_of, columns: columns.len(), table: ranges })
     }
 
     /// The range `[low, high)` of the logarithms of the gains of a sign; empty (low above high) where no member is stable.

@@ -17,6 +17,9 @@ const NARROW: f64 = 0.04;
 /// The feedforward cluster is divided where its loss is more than this multiple of the feedback cluster's.
 const BALANCE: f64 = 1.0;
 
+/// How far rounding may move the logarithm of a gain, amply.
+const LOGARITHM: f64 = 1e-9;
+
 /// Candidates that a thread keeps before it throws out those that a better incumbent has made worthless.
 const KEPT: usize = 1 << 14;
 
@@ -314,42 +317,30 @@ impl<'a> Walk<'a> {
         let prepared = self.prepared;
         let p = &prepared.denominators.tree.nodes[range.denominators];
         let z = &prepared.numerators.tree.nodes[range.numerators];
-        let gains = self.pool.feedback().gains();
+        // A little wider than the range, whose ends are decided by the logarithms.
+        let bounds = [(range.low - LOGARITHM).exp(), (range.high + LOGARITHM).exp()];
+        let mut found = Vec::new();
         let mut members = [NONE; LANES];
         let mut count = 0;
-        let mut visit = |feedback: Feedback, log: f64| {
-            if log < range.low || log >= range.high || (feedback.gain < 0.0) != range.negative {
-                return Ok(());
-            }
-            members[count] = feedback;
-            count += 1;
-            if count == LANES {
-                count = 0;
-                self.fill(&members, own);
-                self.members(&members, &task.feedforward, own)?;
-            }
-            Ok(())
-        };
         for i in p.members.clone() {
             let denominator = prepared.denominators.tree.order[i];
+            let opened = self.pool.feedback().open(denominator);
             for j in z.members.clone() {
                 let numerator = prepared.numerators.tree.order[j];
-                if let Some(row) = prepared.ranges.row(denominator, numerator) {
-                    let mut bits = row.stable;
-                    while bits != 0 {
-                        let position = bits.trailing_zeros() as usize;
-                        bits &= bits - 1;
-                        let gain = gains[position] * row.unit;
-                        let feedback =
-                            Feedback { denominator, numerator: Some(numerator), gain, gain_position: Some(position) };
-                        visit(feedback, prepared.log_gains[position] + row.log)?;
+                let scale = prepared.denominators.scales[denominator] * prepared.numerators.scales[numerator];
+                opened.visit(numerator, range.negative, bounds.map(|bound| bound / scale), |feedback| {
+                    let log = (feedback.gain.abs() * scale).ln();
+                    if range.low <= log && log < range.high {
+                        found.push(feedback);
                     }
-                } else {
-                    let scale = prepared.denominators.scales[denominator] * prepared.numerators.scales[numerator];
-                    let mut stable = Vec::new();
-                    self.pool.feedback().visit(denominator, numerator, |feedback| stable.push(feedback));
-                    for feedback in stable {
-                        visit(feedback, (feedback.gain.abs() * scale).ln())?;
+                });
+                for feedback in found.drain(..) {
+                    members[count] = feedback;
+                    count += 1;
+                    if count == LANES {
+                        count = 0;
+                        self.fill(&members, own);
+                        self.members(&members, &task.feedforward, own)?;
                     }
                 }
             }
