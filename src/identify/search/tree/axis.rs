@@ -16,7 +16,7 @@ pub(super) const DIRECTIONS: usize = 2;
 
 /// How members deviate from a centre.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Deviation {
+pub(in super::super) enum Deviation {
     /// `ln(x/x_c)`: products of factors add up.
     Logarithm,
     /// `x/x_c − 1`: linear in the coefficients of a polynomial.
@@ -25,7 +25,7 @@ pub(super) enum Deviation {
 
 /// A cluster of factors.
 #[derive(Debug, Clone)]
-pub(super) struct Node {
+pub(in super::super) struct Node {
     /// Response of the centre at each line, which need not be a member's.
     pub centre: Vec<Complex64>,
     /// Principal directions, `DIRECTIONS · K` values, zero where there are fewer.
@@ -47,7 +47,7 @@ pub(super) struct Node {
 
 /// A tree of clusters.
 #[derive(Debug, Clone)]
-pub(super) struct Tree {
+pub(in super::super) struct Tree {
     pub nodes: Vec<Node>,
     /// Positions of the factors, so that every node's members are adjacent.
     pub order: Vec<usize>,
@@ -64,7 +64,7 @@ const REGULAR: std::ops::Range<f64> = 1e-12..1e12;
 
 impl Tree {
     /// Over these responses, with leaves of at most `leaf` members.
-    pub(super) fn new(responses: &[Vec<Complex64>], deviation: Deviation, leaf: usize) -> Self {
+    pub(in super::super) fn new(responses: &[Vec<Complex64>], deviation: Deviation, leaf: usize) -> Self {
         let (regular, singular): (Vec<usize>, Vec<usize>) =
             (0..responses.len()).partition(|i| responses[*i].iter().all(|x| REGULAR.contains(&x.norm())));
         let mut tree = Self { nodes: Vec::new(), order: regular, roots: Vec::new() };
