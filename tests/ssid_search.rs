@@ -10,7 +10,9 @@ use serde_json::json;
 use volition::control::{Continuous, Discrete, System, TransferFunction};
 use volition::identify::pool::{Degrees, Pool, PoolSpec};
 use volition::identify::problem::{Lines, Problem};
-use volition::identify::search::{BranchAndBound, Exhaustive, MOST_NEAR, Method, NEAR, Optimum, Prepared, Search};
+use volition::identify::search::{
+    BranchAndBound, Cells, Exhaustive, Listed, MOST_NEAR, Method, NEAR, Optimum, Prepared, Search,
+};
 use volition::num::{Ctl, Polynomial, linalg};
 
 /// The exhaustive search's answer, which branch and bound must give as well.
@@ -26,7 +28,21 @@ fn both(problem: &Problem, pool: &Pool) -> Optimum {
     assert_eq!(fast.near, slow.near);
     assert_eq!(slow.near.first(), Some(&(slow.index, slow.cost)));
     assert!(fast.evaluated <= pool.size(), "{} of {}", fast.evaluated, pool.size());
-    for (found, told) in [(&slow, told), (&fast, ctl.bracket())] {
+    let product = ctl.bracket();
+    let mut answers = vec![(slow.clone(), told), (fast, product)];
+    // Small leaves, so that even small pools are divided deeply.
+    for leaf in [3, 40] {
+        ctl.begin_search();
+        let Some(cells) = Cells::with_leaves(problem, pool, leaf, &ctl).unwrap() else { continue };
+        let listed = Listed { cells: &cells }.search(problem, pool, &ctl).unwrap();
+        assert_eq!(
+            (listed.index, listed.cost, listed.near_optimal, &listed.near),
+            (slow.index, slow.cost, slow.near_optimal, &slow.near),
+            "listed, leaves of {leaf}"
+        );
+        answers.push((listed, ctl.bracket()));
+    }
+    for (found, told) in &answers {
         let told = told.unwrap();
         // Costs at the level of rounding are bounded by what rounding may hide.
         let scale: f64 = problem.lines().iter().map(|line| line.response.norm_sqr()).sum();

@@ -1,5 +1,6 @@
 //! The search that fits a pool, with the work that trials of one study share.
 
+use super::listed::{self, Cells, Listed};
 use super::tree::{self, BranchAndBound, Prepared};
 use super::{Exhaustive, Optimum, Search};
 use crate::control::System;
@@ -50,10 +51,28 @@ struct KeptPool {
     plant: System,
     pool: Arc<Pool>,
     /// Lines (angular frequency, plant) and degree of the feedforward numerator, with their trees.
-    prepared: Option<(Lines, Arc<Prepared>)>,
+    prepared: Option<(Lines, Trees)>,
 }
 
 type Lines = (Vec<(f64, Complex64)>, usize);
+
+/// What a search needs of a pool and the lines, whatever was measured.
+#[derive(Debug, Clone)]
+enum Trees {
+    /// The controllers can be listed.
+    Listed(Arc<Cells>),
+    /// They cannot.
+    Product(Arc<Prepared>),
+}
+
+impl Trees {
+    fn new(problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Self, Stopped> {
+        match Cells::new(problem, pool, ctl)? {
+            Some(cells) => Ok(Self::Listed(Arc::new(cells))),
+            None => Ok(Self::Product(Arc::new(Prepared::new(problem, pool, ctl)?))),
+        }
+    }
+}
 
 fn lines_of(problem: &Problem, pool: &Pool) -> Lines {
     let lines = problem.lines().iter().map(|line| (line.omega_rad_s, line.plant)).collect();
@@ -102,7 +121,11 @@ impl Search for Automatic<'_> {
     }
 
     fn search(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Optimum, Stopped> {
-        if self.method == Method::Exhaustive || pool.size() <= SMALL || !tree::can_search(problem) {
+        if self.method == Method::Exhaustive
+            || pool.size() <= SMALL
+            || !tree::can_search(problem)
+            || !listed::can_search(problem)
+        {
             return Exhaustive.search(problem, pool, ctl);
         }
         let lines = lines_of(problem, pool);
@@ -110,20 +133,23 @@ impl Search for Automatic<'_> {
         let known = self.shared.with(|pools| {
             let kept = pools.iter_mut().find(own)?;
             let (of, prepared) = kept.prepared.as_ref()?;
-            (*of == lines).then(|| Arc::clone(prepared))
+            (*of == lines).then(|| prepared.clone())
         });
         let prepared = match known {
             Some(prepared) => prepared,
             None => {
-                let prepared = Arc::new(Prepared::new(problem, pool, ctl)?);
+                let prepared = Trees::new(problem, pool, ctl)?;
                 self.shared.with(|pools| {
                     if let Some(kept) = pools.iter_mut().find(own) {
-                        kept.prepared = Some((lines, Arc::clone(&prepared)));
+                        kept.prepared = Some((lines, prepared.clone()));
                     }
                 });
                 prepared
             }
         };
-        BranchAndBound { prepared: &prepared }.search(problem, pool, ctl)
+        match &prepared {
+            Trees::Listed(cells) => Listed { cells }.search(problem, pool, ctl),
+            Trees::Product(prepared) => BranchAndBound { prepared }.search(problem, pool, ctl),
+        }
     }
 }

@@ -2,9 +2,11 @@
 
 mod automatic;
 mod block;
+mod decide;
 pub mod exact;
 mod exhaustive;
 mod kernel;
+pub mod listed;
 mod near;
 pub mod tree;
 
@@ -14,6 +16,7 @@ use crate::control::System;
 use crate::num::{Ctl, Stopped};
 pub use automatic::{Automatic, Method, Shared};
 pub use exhaustive::Exhaustive;
+pub use listed::{Cells, Listed};
 pub use near::MOST_NEAR;
 use std::sync::Arc;
 pub use tree::{BranchAndBound, Prepared};

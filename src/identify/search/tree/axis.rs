@@ -17,7 +17,7 @@ pub(super) const DIRECTIONS: usize = 2;
 
 /// How members deviate from a centre.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Deviation {
+pub(in super::super) enum Deviation {
     /// `ln(x/x_c)`: products of factors add up.
     Logarithm,
     /// `x/x_c − 1`: linear in the coefficients of a polynomial.
@@ -26,7 +26,7 @@ pub(super) enum Deviation {
 
 /// A cluster of factors.
 #[derive(Debug, Clone)]
-pub(super) struct Node {
+pub(in super::super) struct Node {
     /// Response of the centre at each line, which need not be a member's.
     pub centre: Vec<Complex64>,
     /// Principal directions, `DIRECTIONS · K` values, zero where there are fewer.
@@ -48,7 +48,7 @@ pub(super) struct Node {
 
 /// A tree of clusters.
 #[derive(Debug, Clone)]
-pub(super) struct Tree {
+pub(in super::super) struct Tree {
     pub nodes: Vec<Node>,
     /// Positions of the factors, so that every node's members are adjacent.
     pub order: Vec<usize>,
@@ -68,7 +68,7 @@ impl Tree {
     ///
     /// # Errors
     /// [`Stopped`] when `ctl` says so.
-    pub(super) fn new(
+    pub(in super::super) fn new(
         responses: &[Vec<Complex64>],
         deviation: Deviation,
         leaf: usize,

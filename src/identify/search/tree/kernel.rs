@@ -27,6 +27,7 @@
 //! `C = 2 Σ weight (|E|² + σ²|S|²)`, where `σ = (1+|L|)/|1+L|` is the cancellation in 1 + L, the bound can lose
 //! `16 γ C (1 + √(e p/det_p) + √(e q/det_q))` for halves of p and q coefficients, which also covers the rounding of the QR that decides.
 
+pub(super) use super::super::decide::may_reach;
 use super::axis::DIRECTIONS;
 use crate::identify::problem::Problem;
 use num_complex::Complex64;
@@ -42,11 +43,6 @@ pub(super) const LARGEST_HALF: usize = 8;
 /// infinite, which makes no number of a product with zero.
 const LARGEST_DEVIATION: f64 = 2.0;
 const UNKNOWN: f64 = 1e60;
-
-/// Whether something with this lower bound may cost as little as the limit; a bound that is not a number says nothing.
-pub(super) fn may_reach(bound: f64, limit: f64) -> bool {
-    bound <= limit || bound.is_nan()
-}
 
 /// What a trial and its lines give.
 #[derive(Debug)]

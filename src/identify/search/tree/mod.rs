@@ -1,20 +1,20 @@
 //! The exact search by branch and bound over pairs of clusters: of feedback controllers, and of feedforward denominators.
 
-mod axis;
+pub(super) mod axis;
 mod kernel;
 mod prepared;
 mod ranges;
 mod walk;
 
-use super::near::{Bracketed, nearest};
-use super::{Method, NEAR, Optimum, Search, exact};
+use super::decide::{Found, Harvest, decide, tell};
+use super::{NEAR, Optimum, Search, exact};
 use crate::identify::pool::{Pool, Position};
 use crate::identify::problem::Problem;
-use crate::num::{Bracket, Ctl, Stopped};
+use crate::num::{Ctl, Stopped};
 pub use prepared::Prepared;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use walk::{Found, Own, Walk};
+use walk::{Own, Walk};
 
 /// Whether the numerator of this problem is of a degree that the kernel takes.
 #[must_use]
@@ -45,7 +45,7 @@ impl BranchAndBound<'_> {
         ctl.set_total(pool.size());
         walk.without_feedback(&mut own)?;
         let tasks = walk.tasks(&mut own)?;
-        tell(&own, pool, 0.0, ctl);
+        tell(&own.found, pool, 0.0, ctl);
         let next = AtomicUsize::new(0);
         // The smallest bound of a candidate that was found; what was passed over costs more than the best one.
         let lowest = AtomicU64::new(own.found.iter().map(|f| f.bound).fold(f64::INFINITY, f64::min).max(0.0).to_bits());
@@ -69,7 +69,7 @@ impl BranchAndBound<'_> {
                     let open = tasks.iter().zip(&finished).filter(|(_, done)| !done.load(Ordering::SeqCst));
                     let open = open.map(|(task, _)| task.bound).fold(walk.best(), f64::min);
                     let bound = open.min(f64::from_bits(lowest.load(Ordering::SeqCst)));
-                    tell(&own, pool, bound, ctl);
+                    tell(&own.found, pool, bound, ctl);
                     ctl.advance(share);
                 }
                 Ok(own)
@@ -121,86 +121,9 @@ impl BranchAndBound<'_> {
 impl Search for BranchAndBound<'_> {
     fn search(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Optimum, Stopped> {
         let Walked { found, best, evaluated, bounded } = self.walk(problem, pool, NEAR, ctl)?;
-        decide(problem, pool, self.prepared, found, best, (evaluated, bounded), ctl)
+        let without_feedback = self.prepared.without_feedback.map_or(1, |(count, _)| count);
+        decide(problem, pool, Harvest { found, best, evaluated, bounded, without_feedback }, ctl)
     }
-}
-
-/// Tells the best candidate that a thread has found, and what every candidate of the pool costs at least.
-fn tell(own: &Own, pool: &Pool, bound: f64, ctl: &Ctl) {
-    let above = |found: &Found| found.cost + (found.cost - found.bound);
-    if let Some(best) = own.found.iter().min_by(|a, b| above(a).total_cmp(&above(b))) {
-        let index = pool.index(best.feedforward as usize, best.feedback);
-        ctl.set_bracket(Bracket { incumbent: above(best), bound, index });
-    }
-}
-
-/// Decides by QR among the candidates that the fast evaluation cannot tell apart.
-fn decide(
-    problem: &Problem,
-    pool: &Pool,
-    prepared: &Prepared,
-    mut found: Vec<Found>,
-    best: f64,
-    (evaluated, bounded): (u64, u64),
-    ctl: &Ctl,
-) -> Result<Optimum, Stopped> {
-    let exact_cost = |found: &Found| {
-        let position = Position { feedforward: found.feedforward as usize, feedback: found.feedback };
-        exact::cost(problem, &pool.candidate(position))
-    };
-    let decided = AtomicU64::new(0);
-    let close: Vec<Found> = found.iter().filter(|f| kernel::may_reach(f.bound, best)).copied().collect();
-    let costs = close
-        .par_iter()
-        .map(|f| {
-            ctl.check()?;
-            decided.fetch_add(1, Ordering::Relaxed);
-            Ok(exact_cost(f))
-        })
-        .collect::<Result<Vec<f64>, Stopped>>()?;
-    let cost = costs.iter().copied().fold(f64::INFINITY, f64::min);
-    let index = close
-        .iter()
-        .zip(&costs)
-        .filter(|(_, c)| **c <= cost)
-        .map(|(f, _)| pool.index(f.feedforward as usize, f.feedback))
-        .min()
-        .unwrap_or(0);
-    let near = (1.0 + NEAR) * cost;
-    found.retain(|f| kernel::may_reach(f.bound, near));
-    let candidates =
-        found.iter().map(|f| Bracketed { below: f.bound, above: f.cost + (f.cost - f.bound), place: *f }).collect();
-    let position = |f: &Found| Position { feedforward: f.feedforward as usize, feedback: f.feedback };
-    let nearest = nearest(
-        problem,
-        candidates,
-        near,
-        |f| pool.candidate(position(f)),
-        |f| pool.index(f.feedforward as usize, f.feedback),
-        ctl,
-    )?;
-    let near_optimal = found
-        .par_iter()
-        .map(|f| {
-            let surely = f.cost + (f.cost - f.bound) <= near;
-            // Every stable denominator without feedback is the same candidate again.
-            let copies = match (f.feedback.numerator, prepared.without_feedback) {
-                (None, Some((count, _))) => count,
-                _ => 1,
-            };
-            if surely || exact_cost(f) <= near { copies } else { 0 }
-        })
-        .sum();
-    Ok(Optimum {
-        index,
-        cost,
-        method: Method::BranchAndBound,
-        evaluated,
-        bounded,
-        decided_by_qr: decided.into_inner(),
-        near_optimal,
-        near: nearest,
-    })
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! The walk through the pairs of clusters, from the whole pool down to single candidates.
 
+use super::super::decide::Found;
 use super::kernel::{self, Bounds, Cell, Denominators, Group, LANES, Lines};
 use super::prepared::Prepared;
 use crate::identify::pool::{Feedback, Pool};
@@ -48,15 +49,6 @@ pub(super) struct Open {
     /// The smallest cost of a pair of centres, and the smallest bound.
     promise: f64,
     pub(super) bound: f64,
-}
-
-/// A candidate that the fast evaluation cannot exclude.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Found {
-    pub cost: f64,
-    pub bound: f64,
-    pub feedback: Feedback,
-    pub feedforward: u32,
 }
 
 /// What a walk did.
@@ -388,7 +380,6 @@ impl<'a> Walk<'a> {
                 alive = true;
                 if single {
                     let (cost, bound) = (bounds.cost[lane], bounds.bound[lane]);
-                    // What rounding may hide below the cost may also be above it.
                     let above = cost + (cost - bound);
                     if above.is_finite() {
                         self.best.fetch_min(above.max(0.0).to_bits(), Ordering::Relaxed);

@@ -1,0 +1,195 @@
+//! The feedforward denominators, in nested blocks of neighbours.
+
+use super::super::tree::axis::{Deviation, Tree};
+use crate::identify::pool::Pool;
+use crate::identify::problem::Problem;
+use crate::num::{Ctl, Stopped};
+use num_complex::Complex64;
+
+/// Largest number of denominators in a block: a bit of a mask for each.
+pub(super) const LARGEST: usize = 64;
+
+/// Coefficients of a monic denominator that may vary.
+pub(super) const FREE: usize = 2;
+
+/// A block of denominators around a centre `D`: each member is `D (1 + Σ_m offset_m φ_m)` with `φ_m = x^m/D`.
+#[derive(Debug)]
+pub(super) struct Block {
+    /// Members, a range of [`Denominators::order`].
+    pub first: usize,
+    pub offsets: Vec<[f64; FREE]>,
+    /// Largest modulus of each offset.
+    pub reach: [f64; FREE],
+    /// Per line, what the kernel reads.
+    pub rows: Vec<Row>,
+    /// Per line: products of the basis functions over |D|²: the lower triangle of the real half, then of the imaginary half.
+    pub products: Vec<f64>,
+    /// Blocks that divide this one; none for a single denominator.
+    pub children: Vec<u32>,
+}
+
+/// A block at a line.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Row {
+    /// 1/D.
+    pub inverse: Complex64,
+    /// φ of the highest free power first.
+    pub directions: [Complex64; FREE],
+    /// Largest modulus of `Σ offset φ`.
+    pub radius: f64,
+}
+
+/// All of them.
+#[derive(Debug)]
+pub(super) struct Denominators {
+    pub blocks: Vec<Block>,
+    pub roots: Vec<u32>,
+    /// Positions of the pool's denominators, so that the members of a block are adjacent.
+    pub order: Vec<u32>,
+    /// The block of a single denominator, per place in `order`.
+    pub single: Vec<u32>,
+    /// Values of the basis functions, per line: the real half first.
+    pub functions: Vec<f64>,
+    pub halves: [usize; 2],
+}
+
+/// The free coefficients of a pool's denominators once they are monic, highest power first; `None` where one has no leading coefficient
+/// or more free ones than the kernel takes.
+fn monic(pool: &Pool) -> Option<Vec<[f64; FREE]>> {
+    pool.feedforward()
+        .iter()
+        .map(|factor| {
+            let (lead, rest) = factor.coefficients.split_first()?;
+            if *lead == 0.0 || rest.len() > FREE {
+                return None;
+            }
+            let mut free = [0.0; FREE];
+            for (slot, c) in free[FREE - rest.len()..].iter_mut().zip(rest) {
+                *slot = c / lead;
+            }
+            Some(free)
+        })
+        .collect()
+}
+
+/// Whether the blocks can hold this pool's denominators.
+pub(super) fn can_hold(pool: &Pool) -> bool {
+    monic(pool).is_some()
+}
+
+impl Denominators {
+    /// `None` where [`can_hold`] says no.
+    ///
+    /// # Errors
+    /// [`Stopped`] when `ctl` says so.
+    pub(super) fn new(problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Option<Self>, Stopped> {
+        let Some(coefficients) = monic(pool) else { return Ok(None) };
+        let responses: Vec<Vec<Complex64>> =
+            pool.feedforward().iter().map(|d| problem.at_lines(&d.coefficients)).collect();
+        let order: Vec<u32> =
+            Tree::new(&responses, Deviation::Logarithm, 1, ctl)?.order.into_iter().map(|at| at as u32).collect();
+        let basis = problem.basis();
+        let halves = [basis.even().len(), basis.odd().len()];
+        let mut functions = Vec::new();
+        for k in 0..problem.lines().len() {
+            functions.extend(basis.even().values.iter().chain(&basis.odd().values).map(|v| v[k]));
+        }
+        let degree = pool.feedforward().first().map_or(0, |d| d.coefficients.len() - 1);
+        let powers = (0..=degree).map(|m| {
+            let mut power = vec![0.0; degree + 1 - m];
+            power[0] = 1.0;
+            problem.at_lines(&power)
+        });
+        let powers: Vec<Vec<Complex64>> = powers.collect();
+        let mut all =
+            Self { blocks: Vec::new(), roots: Vec::new(), single: vec![0; order.len()], order, functions, halves };
+        let maker = Maker { coefficients: &coefficients, powers: &powers };
+        all.divide(&maker, 0..all.order.len(), true);
+        Ok(Some(all))
+    }
+
+    /// Halves until a block can hold what is left, then makes blocks of four parts each.
+    fn divide(&mut self, maker: &Maker<'_>, members: std::ops::Range<usize>, root: bool) -> Option<u32> {
+        if members.is_empty() {
+            return None;
+        }
+        let middle = (members.start + members.end) / 2;
+        if members.len() > LARGEST {
+            self.divide(maker, members.start..middle, true);
+            self.divide(maker, middle..members.end, true);
+            return None;
+        }
+        let block = maker.block(self, members.clone());
+        let id = self.blocks.len() as u32;
+        if members.len() == 1 {
+            self.single[members.start] = id;
+        }
+        self.blocks.push(block);
+        if root {
+            self.roots.push(id);
+        }
+        if members.len() > 1 {
+            let halves = [members.start..middle, middle..members.end];
+            for half in halves {
+                let middle = (half.start + half.end) / 2;
+                let quarters = if half.len() > 1 { vec![half.start..middle, middle..half.end] } else { vec![half] };
+                for quarter in quarters {
+                    let child = self.divide(maker, quarter, false);
+                    self.blocks[id as usize].children.extend(child);
+                }
+            }
+        }
+        Some(id)
+    }
+}
+
+struct Maker<'a> {
+    coefficients: &'a [[f64; FREE]],
+    /// Values of x^n, …, x, 1 at the lines, for denominators of degree n.
+    powers: &'a [Vec<Complex64>],
+}
+
+impl Maker<'_> {
+    fn block(&self, all: &Denominators, members: std::ops::Range<usize>) -> Block {
+        let of = |at: usize| &self.coefficients[all.order[at] as usize];
+        let mut centre = [0.0; FREE];
+        for at in members.clone() {
+            centre.iter_mut().zip(of(at)).for_each(|(sum, c)| *sum += c);
+        }
+        centre.iter_mut().for_each(|c| *c /= members.len() as f64);
+        if members.len() == 1 {
+            centre = *of(members.start);
+        }
+        let offsets: Vec<[f64; FREE]> =
+            members.clone().map(|at| std::array::from_fn(|m| of(at)[m] - centre[m])).collect();
+        let reach = std::array::from_fn(|m| offsets.iter().map(|o| o[m].abs()).fold(0.0, f64::max));
+        let degree = self.powers.len() - 1;
+        let lines = self.powers[0].len();
+        let [p, q] = all.halves;
+        let (mut rows, mut products) = (Vec::with_capacity(lines), Vec::new());
+        for k in 0..lines {
+            let mut d = self.powers[0][k];
+            for (m, c) in centre[FREE - degree.min(FREE)..].iter().enumerate() {
+                d += c * self.powers[m + 1][k];
+            }
+            let inverse = d.inv();
+            let directions = std::array::from_fn(|m| {
+                let power = (m + degree).checked_sub(FREE).and_then(|at| self.powers.get(at + 1));
+                power.map_or(Complex64::ZERO, |x| x[k] * inverse)
+            });
+            let deviation = |o: &[f64; FREE]| -> f64 {
+                o.iter().zip(&directions).map(|(o, phi)| phi * o).sum::<Complex64>().norm()
+            };
+            let radius = offsets.iter().map(deviation).fold(0.0, f64::max) * (1.0 + 1e-12);
+            rows.push(Row { inverse, directions, radius });
+            let u = inverse.norm_sqr();
+            let functions = &all.functions[k * (p + q)..(k + 1) * (p + q)];
+            for half in [&functions[..p], &functions[p..]] {
+                for i in 0..half.len() {
+                    products.extend((0..=i).map(|j| half[i] * half[j] * u));
+                }
+            }
+        }
+        Block { first: members.start, offsets, reach, rows, products, children: Vec::new() }
+    }
+}

@@ -1,0 +1,32 @@
+//! What a trial and its lines give to every bound.
+
+use crate::identify::problem::Problem;
+use num_complex::Complex64;
+
+/// One line of a trial.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Constant {
+    /// `(1 − H) √weight`.
+    pub error: Complex64,
+    /// √weight.
+    pub root: f64,
+    /// `G √weight`, turned by the angle at which the numerator's basis splits into a real and an imaginary half.
+    pub plant: Complex64,
+}
+
+/// A trial at its lines.
+#[derive(Debug)]
+pub(super) struct Lines {
+    pub constants: Vec<Constant>,
+}
+
+impl Lines {
+    pub(super) fn new(problem: &Problem) -> Self {
+        let constants = problem.lines().iter().map(|line| {
+            let root = line.weight.sqrt();
+            let turn = Complex64::from_polar(1.0, -problem.basis().rotation(line.omega_rad_s));
+            Constant { error: (1.0 - line.response) * root, root, plant: line.plant * turn * root }
+        });
+        Self { constants: constants.collect() }
+    }
+}

@@ -1,0 +1,128 @@
+//! The exact search for pools whose feedback controllers can be listed: branch and bound over clusters of like sensitivities, with
+//! every feedforward denominator by itself. See [`kernel`] for the bound.
+
+mod cells;
+mod denominators;
+mod deviations;
+mod group;
+mod kernel;
+mod lines;
+mod walk;
+
+use super::decide::{Harvest, decide, tell};
+use super::{NEAR, Optimum, Search};
+use crate::identify::pool::Pool;
+use crate::identify::problem::Problem;
+use crate::num::{Ctl, Stopped};
+pub use cells::{Cells, can_list};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use walk::{Open, Own, Walk};
+
+/// Beams for an incumbent, and clusters that each starts from.
+const BEAMS: usize = 16;
+const BEAMED: usize = 32;
+
+/// Whether the kernel takes the numerator of this problem.
+#[must_use]
+pub fn can_search(problem: &Problem) -> bool {
+    problem.basis().even().len().max(problem.basis().odd().len()) <= kernel::LARGEST_HALF
+}
+
+/// Branch and bound over a pool whose controllers have been clustered.
+#[derive(Debug)]
+pub struct Listed<'a> {
+    /// The clusters of this pool at the problem's lines.
+    pub cells: &'a Cells,
+}
+
+/// Threads take the chunks in order, each with its own memory; what comes of them is in the order of the chunks.
+fn share<T: Send>(
+    walk: &Walk<'_>,
+    count: usize,
+    of: impl Fn(usize, &mut Own) -> Result<T, Stopped> + Sync,
+) -> Result<(Vec<T>, Vec<Own>), Stopped> {
+    let next = AtomicUsize::new(0);
+    let threads = (0..rayon::current_num_threads())
+        .into_par_iter()
+        .with_max_len(1)
+        .map(|_| {
+            let mut own = walk.own();
+            let mut made = Vec::new();
+            loop {
+                let at = next.fetch_add(1, Ordering::Relaxed);
+                if at >= count {
+                    return Ok((made, own));
+                }
+                made.push((at, of(at, &mut own)?));
+            }
+        })
+        .collect::<Result<Vec<_>, Stopped>>()?;
+    let (made, owns): (Vec<_>, Vec<_>) = threads.into_iter().unzip();
+    let mut made: Vec<(usize, T)> = made.into_iter().flatten().collect();
+    made.sort_by_key(|(at, _)| *at);
+    Ok((made.into_iter().map(|(_, made)| made).collect(), owns))
+}
+
+impl Search for Listed<'_> {
+    fn search(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Optimum, Stopped> {
+        let walk = Walk::new(problem, self.cells, NEAR, ctl);
+        ctl.set_total(pool.size());
+        let mut own = walk.own();
+        walk.without_feedback(&mut own);
+        let mut owns = vec![own];
+        let chunks: Vec<&[u32]> = self.cells.roots.chunks(group::LANES).collect();
+        owns.extend(share(&walk, chunks.len(), |at, own| walk.first(chunks[at], own))?.1);
+        let everything = walk.everything();
+        // Leaves wait for an incumbent.
+        let (opened, more) = share(&walk, chunks.len(), |at, own| walk.open(chunks[at], &everything, false, own))?;
+        owns.extend(more);
+        let mut tasks: Vec<Open> = opened.into_iter().flatten().collect();
+        tasks.sort_by(|a, b| a.promise.total_cmp(&b.promise));
+        let beams: Vec<&[Open]> = tasks.chunks(BEAMED).take(BEAMS).collect();
+        owns.extend(share(&walk, beams.len(), |at, own| walk.beam(beams[at], own))?.1);
+        // With a good incumbent the smallest bound goes first, so that the certified gap shrinks.
+        tasks.sort_by(|a, b| a.bound.total_cmp(&b.bound));
+        let found = |owns: &[Own]| owns.iter().flat_map(|own| &own.found).copied().collect::<Vec<_>>();
+        tell(&found(&owns), pool, 0.0, ctl);
+        let lowest = owns.iter().flat_map(|own| &own.found).map(|f| f.bound).fold(f64::INFINITY, f64::min);
+        let lowest = AtomicU64::new(lowest.max(0.0).to_bits());
+        let finished: Vec<AtomicBool> = tasks.iter().map(|_| AtomicBool::new(false)).collect();
+        let part = pool.size() / tasks.len().max(1) as u64;
+        let (_, more) = share(&walk, tasks.len(), |at, own| {
+            walk.finish(&tasks[at], own)?;
+            // Of what is found before the task counts as finished, the bounds are known.
+            let own_lowest = own.found.iter().map(|f| f.bound).fold(f64::INFINITY, f64::min);
+            lowest.fetch_min(own_lowest.max(0.0).to_bits(), Ordering::SeqCst);
+            finished[at].store(true, Ordering::SeqCst);
+            // The tasks lie in the order of their bounds: the first that is open has the smallest.
+            let open = finished.iter().position(|done| !done.load(Ordering::SeqCst));
+            let open = open.map_or(walk.best(), |at| tasks[at].bound);
+            tell(&own.found, pool, open.min(walk.best()).min(f64::from_bits(lowest.load(Ordering::SeqCst))), ctl);
+            ctl.advance(part);
+            Ok(())
+        })?;
+        owns.extend(more);
+        ctl.advance(pool.size());
+        let harvest = Harvest {
+            found: found(&owns),
+            best: walk.best(),
+            evaluated: owns.iter().map(|own| own.counts.evaluated).sum(),
+            bounded: owns.iter().map(|own| own.counts.bounded).sum(),
+            without_feedback: self.cells.without_feedback.map_or(1, |(count, _)| count),
+        };
+        decide(problem, pool, unique(harvest), ctl)
+    }
+}
+
+/// Each candidate once: dives meet what the walk meets again.
+fn unique(mut harvest: Harvest) -> Harvest {
+    let limit = (1.0 + NEAR) * harvest.best;
+    harvest.found.retain(|f| super::decide::may_reach(f.bound, limit));
+    let key = |f: &super::decide::Found| {
+        (f.feedforward, f.feedback.denominator, f.feedback.numerator, f.feedback.gain_position)
+    };
+    harvest.found.sort_by_key(key);
+    harvest.found.dedup_by_key(|f| key(f));
+    harvest
+}
