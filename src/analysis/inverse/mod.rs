@@ -19,17 +19,19 @@ use super::kind::{Kind, Request};
 use super::plan::Failure;
 use super::problem::Problem;
 use super::report::{Report, Warning, sha256_json};
-use crate::inverse::fit::{Fit, fit, smallest_cross_term};
+use crate::inverse::fit::{
+    CrossTerm, Descent, DescentError, DescentSettings, Fit, Objective, descent, fit, smallest_cross_term,
+};
 use crate::inverse::{Gains, InverseLqr, Role, Settings, Verdict, inverse_lqr};
 use crate::num::Ctl;
 pub use inputs::{Comparand, InverseInputs, Trajectory};
 pub use result::{
-    AxisResult, ComparisonResult, FitPointResult, FitResult, InverseLqrResult, ProofResult, ReadingResult,
-    ReturnDifferenceResult, SharesResult,
+    AxisResult, ComparisonResult, CrossTermResult, DescentResult, FitPointResult, FitResult, InverseLqrResult,
+    ProofResult, ReadingResult, ReturnDifferenceResult, SharesResult,
 };
 use serde_json::{Map, Value, json};
 use spec::{Checked, CheckedSpecs};
-pub use spec::{FitSpec, InverseLqgSpec, InverseSpec, PortWeight, StateWeight, WeightName};
+pub use spec::{DescentSpec, DescentStart, FitSpec, InverseLqgSpec, InverseSpec, PortWeight, StateWeight, WeightName};
 
 pub(in crate::analysis) use inputs::matrix;
 pub(in crate::analysis) use result::rows;
@@ -130,17 +132,57 @@ impl Plan {
         } else {
             None
         };
+        let wants_start = spec.written.fit.as_ref().and_then(|f| f.descent).filter(|_| fitted.is_some());
         let cross_term = if fitted.is_some() && settings.structure.is_free() {
-            smallest_cross_term(gains, ctl).map(|found| Some(found.norm)).or_else(|error| match error {
+            smallest_cross_term(gains, ctl).map(Some).or_else(|error| match error {
                 crate::convex::lmi::LmiError::Stopped(stopped) => Err(Failure::Stopped(stopped)),
                 crate::convex::lmi::LmiError::Infeasible { .. } => Ok(None),
             })?
         } else {
             None
         };
+        let descended = match wants_start {
+            None => None,
+            Some(wanted) => descended(gains, spec, wanted, cross_term.as_ref(), warnings, ctl)?,
+        };
         ctl.advance(1);
         warn(gains.role(), &answer, fitted.as_ref(), warnings);
-        Ok(InverseLqrResult::new(gains, &answer, fitted.as_ref(), cross_term, &self.inputs))
+        Ok(InverseLqrResult::new(
+            gains,
+            &answer,
+            fitted.as_ref(),
+            (cross_term.as_ref(), descended.as_ref()),
+            &self.inputs,
+        ))
+    }
+}
+
+/// The descent of Table 3.1; a warning in its place where it meets weights without a regulator.
+fn descended(
+    gains: &Gains,
+    spec: &Checked,
+    wanted: DescentSpec,
+    cross_term: Option<&CrossTerm>,
+    warnings: &mut Vec<Warning>,
+    ctl: &Ctl,
+) -> Result<Option<Descent>, Failure> {
+    let (n, m) = (gains.states(), gains.ports());
+    let identity = (nalgebra::DMatrix::identity(n, n), nalgebra::DMatrix::identity(m, m));
+    let (q, r) = match (wanted.start, cross_term) {
+        (DescentStart::CrossTerm, Some(found)) => (found.q.clone(), found.r.clone()),
+        _ => identity,
+    };
+    let settings = DescentSettings { rate: wanted.rate, steps: wanted.steps };
+    match descent(&Objective::new(gains, spec.metric.as_ref()), &q, &r, settings, ctl) {
+        Ok(found) => Ok(Some(found)),
+        Err(DescentError::Stopped(stopped)) => Err(stopped.into()),
+        Err(DescentError::Riccati(error)) => {
+            warnings.push(Warning::new(
+                "descent_broke_off",
+                format!("The descent met weights without a regulator: {error}"),
+            ));
+            Ok(None)
+        }
     }
 }
 

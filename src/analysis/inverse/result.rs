@@ -1,7 +1,7 @@
 //! The result of an inverse problem.
 
 use super::inputs::InverseInputs;
-use crate::inverse::fit::Fit;
+use crate::inverse::fit::{CrossTerm, Descent, Fit};
 use crate::inverse::lqr::Weights;
 use crate::inverse::reading::{self, Axis, Comparison, Shares};
 use crate::inverse::{Gains, InverseLqr, Role, Verdict};
@@ -126,6 +126,40 @@ pub struct FitResult {
     pub curve: Vec<FitPointResult>,
     /// The smallest `‖S‖_F` of a cost with a cross term 2xᵀSu and R ⪰ I for which the gain is optimal (Priess 2015, eq. (3.20)).
     pub smallest_cross_term: Option<f64>,
+    /// The weights of that cost; null with a structure.
+    pub cross_term: Option<CrossTermResult>,
+    /// The thesis' own descent, where it was asked for.
+    pub descent: Option<DescentResult>,
+}
+
+/// A cost `xᵀQx + 2xᵀSu + uᵀRu` for which the gain is optimal.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct CrossTermResult {
+    /// Q, n×n.
+    pub q: Vec<Vec<f64>>,
+    /// R ⪰ I, m×m.
+    pub r: Vec<Vec<f64>>,
+    /// S, n×m, of the smallest norm.
+    pub s: Vec<Vec<f64>>,
+}
+
+/// Where the descent of Priess 2015, Table 3.1, ended. It promises no minimum: the fit beside it is usually nearer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DescentResult {
+    /// Q.
+    pub q: Vec<Vec<f64>>,
+    /// R.
+    pub r: Vec<Vec<f64>>,
+    /// Its gain.
+    pub k: Vec<Vec<f64>>,
+    /// The squared distance before the first step.
+    pub first_residual: f64,
+    /// And after the last.
+    pub residual: f64,
+    /// Steps of Q that were left out, since it would not have stayed semidefinite.
+    pub rejected_q: usize,
+    /// Steps of R that were left out.
+    pub rejected_r: usize,
 }
 
 /// The result of `inverse_lqr`; of `inverse_lqe` with w, v, h and l in place of q, r, p and k. `inverse_lqg` has both as `regulator` and
@@ -230,7 +264,7 @@ impl InverseLqrResult {
         gains: &Gains,
         answer: &InverseLqr,
         fitted: Option<&Fit>,
-        cross_term: Option<f64>,
+        (cross_term, descent): (Option<&CrossTerm>, Option<&Descent>),
         inputs: &InverseInputs,
     ) -> Self {
         let weights = answer.weights.as_ref();
@@ -264,7 +298,21 @@ impl InverseLqrResult {
                     starts: p.starts,
                 })
                 .collect(),
-            smallest_cross_term: cross_term,
+            smallest_cross_term: cross_term.map(|found| found.norm),
+            cross_term: cross_term.map(|found| CrossTermResult {
+                q: rows(&found.q),
+                r: rows(&found.r),
+                s: rows(&found.s),
+            }),
+            descent: descent.map(|found| DescentResult {
+                q: rows(&found.q),
+                r: rows(&found.r),
+                k: rows(&found.k),
+                first_residual: found.values.first().copied().unwrap_or_default(),
+                residual: found.values.last().copied().unwrap_or_default(),
+                rejected_q: found.rejected_q,
+                rejected_r: found.rejected_r,
+            }),
         });
         let reading = match (weights, fitted.and_then(|fit| fit.curve.last())) {
             (Some(w), _) => Some(read(gains, &w.q, &w.r, gains.k(), inputs)),

@@ -13,6 +13,8 @@ use utoipa::ToSchema;
 
 /// Condition numbers of a fit at most.
 const MAX_POINTS: usize = 20;
+/// Steps of a descent at most.
+const MAX_STEPS: usize = 100_000;
 /// Random starts of a fit at most.
 const MAX_STARTS: usize = 100;
 
@@ -71,6 +73,33 @@ pub struct FitSpec {
     /// inverse. Default: none, all entries alike.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gain_covariance: Option<Vec<Vec<f64>>>,
+    /// The gradient descent of Priess 2015, Table 3.1, beside the fit, for comparison. Default: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub descent: Option<DescentSpec>,
+}
+
+/// The thesis' own descent.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DescentSpec {
+    /// λ, the length of a step over the gradient.
+    pub rate: f64,
+    /// Steps, up to 100,000.
+    pub steps: usize,
+    /// `identity` (default), or `cross_term`: the weights of the smallest cross term, as Table 3.1 starts.
+    #[serde(default)]
+    pub start: DescentStart,
+}
+
+/// Where the descent starts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DescentStart {
+    /// Q and R are the identity.
+    #[default]
+    Identity,
+    /// The weights of the smallest cross term (3.20).
+    CrossTerm,
 }
 
 impl Default for FitSpec {
@@ -81,6 +110,7 @@ impl Default for FitSpec {
             random_starts: settings.random_starts,
             seed: settings.seed,
             gain_covariance: None,
+            descent: None,
         }
     }
 }
@@ -125,7 +155,7 @@ pub struct InverseLqgSpec {
 pub(super) struct Checked {
     pub written: InverseSpec,
     pub structure: Structure,
-    metric: Option<DMatrix<f64>>,
+    pub metric: Option<DMatrix<f64>>,
 }
 
 /// The checked specs of the halves that are asked for.
@@ -200,6 +230,16 @@ impl Checked {
                     format!("there are {} random starts; at most {MAX_STARTS} are taken", fit.random_starts),
                     format!("{at}/fit/random_starts"),
                 ));
+            }
+            if let Some(descent) = &fit.descent {
+                if !(descent.rate > 0.0 && descent.rate.is_finite()) {
+                    let detail = format!("the rate is {}, and must be positive and finite", descent.rate);
+                    return Err(wrong(detail, format!("{at}/fit/descent/rate")));
+                }
+                if !(1..=MAX_STEPS).contains(&descent.steps) {
+                    let detail = format!("there are {} steps; 1 to {MAX_STEPS} are taken", descent.steps);
+                    return Err(wrong(detail, format!("{at}/fit/descent/steps")));
+                }
             }
             if let Some(rows) = &fit.gain_covariance {
                 let at = format!("{at}/fit/gain_covariance");

@@ -52,6 +52,28 @@ fn an_infeasible_gain_comes_with_its_fit() {
     assert_eq!(without.provenance.seed, None);
 }
 
+/// Priess 2015, §4.4.3: 3000 steps of 1e-4 from the identity, which the fit beside it beats; `tests/golden/inverse.json` has the source.
+#[test]
+fn the_descent_of_the_thesis_may_stand_beside_the_fit() {
+    let inputs = json!({
+        "a": [[1, 2, -1], [-0.5, 1, 2], [1, 1, 1]], "b": [[0, 1], [-1, 1], [0.5, 0]], "k": [[2.17, 2.88, 7.35], [1.82, 3.94, 6.08]]
+    });
+    let fit = json!({"condition_numbers": [1000], "random_starts": 1, "descent": {"rate": 1e-4, "steps": 3000}});
+    let report = run("inverse_lqr", inputs.clone(), json!({"fit": fit}));
+    let fit = &report.result["fit"];
+    let descent = &fit["descent"];
+    assert!((descent["first_residual"].as_f64().unwrap() - 70.487_445_56).abs() < 1e-6);
+    assert!((descent["residual"].as_f64().unwrap() - 5.152_886_17).abs() < 1e-6, "{descent}");
+    assert_eq!(descent["rejected_q"], 2105);
+    assert!(fit["residual"].as_f64().unwrap() < 3.22);
+    // The cost with a cross term makes the gain optimal: S and what is left of it have sizes.
+    assert_eq!(fit["cross_term"]["s"].as_array().unwrap().len(), 3);
+    for (descent, at) in [(json!({"rate": 0, "steps": 1}), "rate"), (json!({"rate": 1, "steps": 0}), "steps")] {
+        let problem = refused("inverse_lqr", inputs.clone(), json!({"fit": {"descent": descent}}));
+        assert_eq!(problem.location.unwrap(), format!("/spec/fit/descent/{at}"));
+    }
+}
+
 #[test]
 fn a_filter_has_its_own_letters_and_shapes() {
     // The dual of a = [0 1; 2 0] with two states and one output.
