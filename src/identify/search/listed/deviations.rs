@@ -199,7 +199,12 @@ impl Extent {
     }
 
     pub(super) fn join(mut self, other: Self) -> Self {
-        let larger = |a: &mut f64, b: f64| *a = a.max(b);
+        // NaN is kept, where `max` would drop it.
+        let larger = |a: &mut f64, b: f64| {
+            if b.is_nan() || b > *a {
+                *a = b;
+            }
+        };
         self.radius.iter_mut().zip(other.radius).for_each(|(a, b)| larger(a, b));
         self.remainder.iter_mut().zip(other.remainder).for_each(|(a, b)| larger(a, b));
         self.inverse.iter_mut().zip(other.inverse).for_each(|(a, b)| larger(a, b));
