@@ -282,8 +282,9 @@ fn unknown_initial_states_do_not_spoil_the_gains() {
     }
 }
 
-/// 95 % intervals on 400 simulated data sets, seed 6, for noise that leaves the likelihood nearly quadratic and for ten times as much. A binomial
-/// of 400 at 0.95 has a standard deviation of 1.1 %.
+/// 95 % intervals on 2,000 simulated data sets, seed 6, for noise that leaves the likelihood nearly quadratic and for ten times as much. A binomial
+/// of 2,000 at 0.95 has a standard deviation of 0.5 %. (Of the first 400 data sets one gain's interval holds the truth in 91.75 %, three standard
+/// deviations of that many.)
 #[test]
 fn intervals_cover_the_truth_as_often_as_they_say() {
     let (model, truth) = pendulum();
@@ -291,8 +292,8 @@ fn intervals_cover_the_truth_as_often_as_they_say() {
     let mut settings = settings(&model);
     settings.draws = 8;
     settings.climbs = 1;
-    for (noise, range) in [(0.002, 0.92..0.98), (0.02, 0.9..0.98)] {
-        let (mut inside, all) = ([0; 3], 400_u32);
+    for (noise, range) in [(0.002, 0.935..0.965), (0.02, 0.92..0.97)] {
+        let (mut inside, all) = ([0; 3], 2000_u32);
         for _ in 0..all {
             let input = binary(120, 5, 1.0, &mut stream);
             let records = (0..2).map(|_| noisy(&model, &truth, 0.05, &input, &[noise], &mut stream)).collect();

@@ -58,16 +58,19 @@ pub fn pade(order: usize) -> (DMatrix<f64>, Vec<f64>, Vec<f64>, f64) {
     let root = |k: usize| size(k).sqrt();
     // Elements 0, 2, 4, .. integrate currents i, elements 1, 3, .. voltages v: the voltage behind element k is the sum of the even states
     // from k on, the current is the input e less the voltage at the front and the odd states before k.
+    // So it is where the last element is a current, that is for odd orders; for even ones the voltages end the ladder, and both change places.
+    let is_driven = |k: usize| k % 2 != order % 2;
+    let through = if order.is_multiple_of(2) { 1.0 } else { -1.0 };
     let mut a = DMatrix::zeros(order, order);
     let mut b = vec![0.0; order];
     let mut c = vec![0.0; order];
     for k in 0..order {
         let scale = size(k) / root(k);
-        if k % 2 == 0 {
+        if is_driven(k) {
             b[k] = scale;
-            c[k] = 2.0 * root(k);
+            c[k] = -2.0 * through * root(k);
             for j in 0..order {
-                if j % 2 == 0 || j < k {
+                if is_driven(j) || j < k {
                     a[(k, j)] = -scale * root(j);
                 }
             }
@@ -77,8 +80,7 @@ pub fn pade(order: usize) -> (DMatrix<f64>, Vec<f64>, Vec<f64>, f64) {
             }
         }
     }
-    // With no element at all the approximant is 1.
-    (a, b, c, if order == 0 { 1.0 } else { -1.0 })
+    (a, b, c, through)
 }
 
 /// The loop from w to y. The states are those of the plant, then for every control those of its delay and of its lag; these start at rest.
