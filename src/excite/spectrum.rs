@@ -149,7 +149,7 @@ mod tests {
                 .collect();
             Spectrum::new(&record, n, 0.1, &Ctl::new()).unwrap()
         };
-        // One record in a hundred has a false line: of 300 more than ten once in ten thousand times.
+        // One record in a hundred has a false line: of 300 more than ten three times in ten thousand.
         let spectrum = draw();
         let mut false_alarms = 0;
         for _ in 0..300 {
