@@ -1,5 +1,5 @@
 //! The exact search for pools whose feedback controllers can be listed: branch and bound over clusters of like sensitivities, with
-//! every feedforward denominator by itself. See [`kernel`] for the bound.
+//! every feedforward denominator by itself. `kernel.rs` derives the bound.
 
 mod cells;
 mod denominators;
