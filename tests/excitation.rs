@@ -413,7 +413,16 @@ fn proportional_control_has_the_peaks_of_the_reference() {
         close(25.0 / (10.0 * gain).sqrt(), number("zeta"), 1e-5);
         close(found("natural_hz"), number("fn"), 1e-3);
         assert!(found("damping_ratio") < number("zeta") && found("damping_ratio") > 0.5 * number("zeta"));
-        close(found("disturbance_norm"), number("SPinf"), 1e-5);
+        // The reference took ‖SP‖∞ from a grid of frequencies, which passes a sharp peak by: ours is larger by up to 1.1e-5. A fine scan decides.
+        let decay = (-50.0_f64 * 0.001 / 10.0).exp();
+        let through = |i: u32| {
+            let z = Complex64::from_polar(1.0, 2.0 * PI * number("fres") * (0.97 + 3e-7 * f64::from(i)) * 0.001);
+            let plant = (z * beta[0] + beta[1]) / ((z - 1.0) * (z - decay));
+            (plant / (1.0 + plant * gain)).norm()
+        };
+        close(found("disturbance_norm"), (0..200_000).map(through).fold(0.0, f64::max), 1e-9);
+        assert!(found("disturbance_norm") >= number("SPinf"));
+        close(found("disturbance_norm"), number("SPinf"), 2e-5);
         close(found("output_sfm"), number("gamma_x2"), 1e-7);
         assert!(found("spectral_radius") < 1.0 && result["action"] == "proportional" && result["zero_hz"].is_null());
         // Where the gain in flatness begins: the first of the reference's gains above one. They lie 0.1034 % apart (those of its four cases are
