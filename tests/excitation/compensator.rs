@@ -1,13 +1,14 @@
 //! The compensator of the linear drive: peaks, limits, and what the drive goes through.
 
-use crate::support::{DRIVE, SIGNAL, close, design, golden, run};
+use crate::support::{DRIVE, SIGNAL, close, design, golden, prts, run, spectrum};
 use num_complex::Complex64;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 use volition::control::{Discrete, simulate};
-use volition::excite::compensator::Compensator;
+use volition::excite::compensator::{Compensator, Design, DesignLimits, SearchBox, search};
 use volition::excite::motion::{Motion, MotionLimits};
 use volition::excite::path::{SampledPlant, mass_damper_pulse};
+use volition::num::Ctl;
 
 #[test]
 fn proportional_control_has_the_peaks_of_the_reference() {
@@ -55,22 +56,97 @@ fn proportional_control_has_the_peaks_of_the_reference() {
         let begins = expected["K_gt1"][0].as_f64().unwrap();
         assert!(design.blsfg(&Compensator::proportional(begins / 1.001_034_6)) < 1.0);
         assert!(design.blsfg(&Compensator::proportional(begins)) > 1.0);
-        // Local maxima over the gain.
-        let stable: Vec<f64> = (0..4000)
-            .map(|i| Compensator::proportional(100.0 * (990.0_f64).powf(f64::from(i) / 3999.0)))
-            .map(|c| design.blsfg(&c))
-            .collect();
-        let tops = (1..3999).filter(|i| stable[*i] > stable[i - 1] && stable[*i] > stable[i + 1]).count() as u64;
-        assert_eq!(tops, expected["localmax"].as_u64().unwrap());
+        landscape(&design, expected);
     }
     let design = design(5.0);
     let stable = |gain| design.is_stable(&Compensator::proportional(gain), 0.0);
     assert!(stable(100_083.3) && !stable(100_083.5) && !stable(-1.0));
 }
 
+/// Local maxima over the gain as many as the reference has, and a gain in flatness from where it begins to the end of its range.
+fn landscape(design: &Design, expected: &Value) {
+    let gain = |i: u32| 100.0 * (990.0_f64).powf(f64::from(i) / 3999.0);
+    let values: Vec<f64> = (0..4000).map(|i| design.blsfg(&Compensator::proportional(gain(i)))).collect();
+    let tops = (1..3999).filter(|i| values[*i] > values[i - 1] && values[*i] > values[i + 1]).count() as u64;
+    assert_eq!(tops, expected["localmax"].as_u64().unwrap());
+    let range: [f64; 2] = serde_json::from_value(expected["K_gt1"].clone()).unwrap();
+    assert!((gain(3999) - range[1]).abs() < 1e-9 * range[1]);
+    for (i, value) in (0..).zip(&values) {
+        assert!(if gain(i) >= range[0] { *value > 1.0 } else { *value < 1.0 || gain(i) > range[0] / 1.001_034_6 });
+    }
+}
+
+#[test]
+fn a_band_without_the_line_past_its_end_has_the_references_other_peaks() {
+    let golden = golden();
+    let sequence = prts(0.001);
+    let spectrum = spectrum(&sequence);
+    for band in [5.0, 10.0] {
+        let expected = &golden.closed_loop["P"][&format!("{band},inc=False")];
+        let number = |name: &str| expected[name].as_f64().unwrap();
+        let lines = sequence.harmonics.as_ref().unwrap();
+        let inside: Vec<usize> = lines.iter().copied().filter(|n| *n as f64 / 48.4 < band).collect();
+        let omegas: Vec<f64> = inside.iter().map(|n| spectrum.omega_rad_s(*n)).collect();
+        let powers: Vec<f64> = inside.iter().map(|n| spectrum.power[*n]).collect();
+        let plant = SampledPlant::mass_damper(10.0, 50.0, Discrete::new(0.001).unwrap()).unwrap();
+        let design = Design::new(plant, &omegas, &powers, sequence.values.clone());
+        let region = SearchBox { gain: [100.0, 99_000.0], corners: None, zero_below_pole: false };
+        let limits = DesignLimits::default();
+        let found = search(&design, &region, &limits, &Ctl::new()).unwrap();
+        let judged = design.judge(&found.compensator, &limits).unwrap();
+        let (gain, resonance) = (found.compensator.gain, judged.resonance.unwrap());
+        close(gain, number("Kp"), 1e-5);
+        close(found.blsfg, number("blsfg"), 1e-7);
+        close(judged.output_sfm, number("gamma_x2"), 1e-7);
+        close(resonance.at / (2.0 * PI), number("fres"), 1e-5);
+        close(resonance.value, number("peak"), 1e-5);
+        close((gain / 10.0).sqrt() / (2.0 * PI), number("fn"), 1e-5);
+        close(25.0 / (10.0 * gain).sqrt(), number("zeta"), 1e-5);
+        assert!(judged.disturbance.value >= number("SPinf"), "a grid's maximum");
+        close(judged.disturbance.value, number("SPinf"), 2e-5);
+        landscape(&design, expected);
+    }
+}
+
+#[test]
+fn limited_compensators_are_those_of_another_search() {
+    let golden: Value = serde_json::from_str(include_str!("../golden/excitation_limited.json")).unwrap();
+    for (i, expected) in golden["answers"].as_array().unwrap().iter().enumerate() {
+        let number = |name: &str| expected[name].as_f64().unwrap();
+        let signal = json!({
+            "generator": {"kind": "prts", "order": 5, "chip_s": 0.2, "amplitude": 0.02}, "sample_time_s": number("sample_time_s")
+        });
+        let ask = |mut spec: Value| {
+            spec["structure"] = json!("lead");
+            spec["band_hz"] = expected["band_hz"].clone();
+            run("compensator_design", json!({"plant": DRIVE(), "signal": signal}), spec).unwrap().result
+        };
+        // The other search's answer by itself: every number that it is judged by.
+        let (gain, zero, pole) = (number("gain"), number("zero_hz"), number("pole_hz"));
+        let fixed = ask(json!({"gain": gain, "zero_hz": zero, "pole_hz": pole, "limits": {"decay_per_s": 0}}));
+        let found = |result: &Value, name: &str| result[name].as_f64().unwrap();
+        close(found(&fixed, "blsfg"), number("blsfg"), 1e-9);
+        close(found(&fixed, "disturbance_norm"), number("disturbance_norm"), 1e-6);
+        close(found(&fixed, "slowest_decay_per_s"), number("slowest_decay_per_s"), 1e-6);
+        close(fixed["motion"]["force"]["peak"].as_f64().unwrap(), number("force"), 1e-8);
+        // The whole box where that is quick; beside the other search's pole elsewhere.
+        let mut spec = json!({"limits": expected["limits"]});
+        if i > 1 {
+            spec["pole_hz"] = json!(pole);
+        }
+        let ours = ask(spec);
+        close(found(&ours, "blsfg"), number("blsfg"), 1e-5);
+        let limits = &expected["limits"];
+        let within = |name: &str, reached: f64| limits[name].as_f64().is_none_or(|limit| reached <= limit);
+        assert!(within("disturbance_norm", found(&ours, "disturbance_norm")));
+        assert!(within("force", ours["motion"]["force"]["peak"].as_f64().unwrap() * (1.0 - 1e-12)));
+        assert!(found(&ours, "slowest_decay_per_s") >= limits["decay_per_s"].as_f64().unwrap() * (1.0 - 1e-9));
+    }
+}
+
 #[test]
 fn the_best_compensator_is_a_lag_and_a_lead_cannot_beat_proportional_control() {
-    let golden: Value = serde_json::from_str(include_str!("golden/excitation_lead.json")).unwrap();
+    let golden: Value = serde_json::from_str(include_str!("../golden/excitation_lead.json")).unwrap();
     for expected in golden["answers"].as_array().unwrap() {
         let strict = expected["zero_below_pole"].as_bool().unwrap();
         // Without the decay that is asked by default, as the reference.
@@ -164,6 +240,21 @@ fn a_sampled_plant_gives_what_its_continuous_form_gives() {
     let curves = answers[0]["sweep"].as_array().unwrap();
     assert_eq!((curves.len(), curves[0]["gain"].as_array().unwrap().len()), (2, 40));
     assert!(curves[0]["blsfg"].as_array().unwrap().iter().any(Value::is_null), "the range reaches into instability");
+    // Every point of figure 5 is that of the loop judged by itself.
+    let design = design(5.0);
+    for (curve, zero_hz) in curves.iter().zip([1.0, 4.0]) {
+        let column = |name: &str| -> Vec<Option<f64>> { serde_json::from_value(curve[name].clone()).unwrap() };
+        let (gains, blsfg, resonance, norm) =
+            (column("gain"), column("blsfg"), column("resonance_hz"), column("disturbance_norm"));
+        for (k, gain) in gains.iter().enumerate() {
+            let compensator = Compensator { gain: gain.unwrap(), zero_hz, pole_hz: 50.0 };
+            let judged = design.judge(&compensator, &DesignLimits::default()).ok();
+            assert_eq!(judged.is_some(), design.is_stable(&compensator, 0.0));
+            assert_eq!(blsfg[k], judged.as_ref().map(|j| j.blsfg));
+            assert_eq!(norm[k], judged.as_ref().map(|j| j.disturbance.value));
+            assert_eq!(resonance[k], judged.as_ref().and_then(|j| j.resonance).map(|peak| peak.at / (2.0 * PI)));
+        }
+    }
 }
 
 #[test]

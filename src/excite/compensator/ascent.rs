@@ -10,8 +10,19 @@ use crate::num::{Ctl, Stopped};
 const NEAR_EDGE: f64 = 0.05;
 /// How far from its last place the best gain is looked for, in its logarithm.
 const REACH: f64 = 0.4;
-/// Steps outwards, each this factor longer, in which a gain that keeps the limits is looked for.
-const OUTWARD: (usize, f64, f64) = (16, 0.004, 1.6);
+/// Steps outwards, each [`GROWTH`] times as long, in which a gain that keeps the limits is looked for.
+#[derive(Clone, Copy)]
+struct Outward {
+    steps: usize,
+    first: f64,
+}
+
+/// From the best gain without limits, which may be far from what they allow.
+const FROM_TOP: Outward = Outward { steps: 16, first: 0.004 };
+/// From the last gain that kept the limits: what two of them leave between them may be so narrow that longer steps pass it by.
+const FROM_NEAR: Outward = Outward { steps: 25, first: 1e-5 };
+/// How much longer each step is.
+const GROWTH: f64 = 1.6;
 /// Halvings between a gain that breaks a limit and one that keeps it.
 const HALVINGS: usize = 26;
 
@@ -125,44 +136,69 @@ impl Task<'_> {
         if kept(top) {
             return Ok(Some((top, value(top))));
         }
-        let (steps, first, growth) = OUTWARD;
+        // From where the last one was kept, the way to the top ends at a limit.
         let mut best: Option<(f64, f64)> = None;
-        for direction in [-1.0, 1.0] {
-            let mut outside = top;
-            let mut step = first;
-            for _ in 0..steps {
-                self.ctl.check()?;
-                let inside = top + direction * step;
-                if inside < low || inside > high {
-                    break;
-                }
-                if kept(inside) {
-                    let (mut outside, mut inside) = (outside, inside);
-                    for _ in 0..HALVINGS {
-                        let middle = 0.5 * (outside + inside);
-                        if kept(middle) {
-                            inside = middle;
-                        } else {
-                            outside = middle;
-                        }
+        if kept(near) {
+            let edge = edge_of(&kept, near, top);
+            best = Some((edge, value(edge)));
+        }
+        for (from, outward) in [(top, FROM_TOP), (near, FROM_NEAR)] {
+            if from == near && best.is_some() {
+                break;
+            }
+            for direction in [-1.0, 1.0] {
+                let Some(inside) = self.first_kept(&kept, from, direction, outward)? else { continue };
+                // Within what keeps the limits there may be a better place than its edge.
+                let further = if direction > 0.0 { (inside + REACH).min(high) } else { (inside - REACH).max(low) };
+                let peak = golden(value, inside.min(further), inside.max(further));
+                for gain in [inside, peak.at] {
+                    let reached = value(gain);
+                    if best.is_none_or(|(_, value)| reached > value) && kept(gain) {
+                        best = Some((gain, reached));
                     }
-                    // Within what keeps the limits there may be a better place than its edge.
-                    let further = if direction > 0.0 { (inside + REACH).min(high) } else { (inside - REACH).max(low) };
-                    let peak = golden(value, inside.min(further), inside.max(further));
-                    for gain in [inside, peak.at] {
-                        let reached = value(gain);
-                        if best.is_none_or(|(_, value)| reached > value) && kept(gain) {
-                            best = Some((gain, reached));
-                        }
-                    }
-                    break;
                 }
-                outside = inside;
-                step *= growth;
             }
         }
         Ok(best)
     }
+
+    /// The edge of what keeps the limits, from a gain that does not, in a direction.
+    fn first_kept(
+        &self,
+        kept: &impl Fn(f64) -> bool,
+        from: f64,
+        direction: f64,
+        outward: Outward,
+    ) -> Result<Option<f64>, Stopped> {
+        let [low, high] = self.space.bounds[0];
+        let (mut outside, mut step) = (from, outward.first);
+        for _ in 0..outward.steps {
+            self.ctl.check()?;
+            let inside = from + direction * step;
+            if inside < low || inside > high {
+                break;
+            }
+            if kept(inside) {
+                return Ok(Some(edge_of(kept, inside, outside)));
+            }
+            outside = inside;
+            step *= GROWTH;
+        }
+        Ok(None)
+    }
+}
+
+/// The last gain that keeps the limits on the way from one that does to one that does not.
+fn edge_of(kept: &impl Fn(f64) -> bool, mut inside: f64, mut outside: f64) -> f64 {
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (outside + inside);
+        if kept(middle) {
+            inside = middle;
+        } else {
+            outside = middle;
+        }
+    }
+    inside
 }
 
 /// A climb in some of the unknowns, the others held; `x` and `value` move where it gains.

@@ -223,7 +223,14 @@ fn starts(
     for batch in points.chunks(BATCH) {
         task.ctl.check()?;
         let wanted: Vec<&Vec<f64>> = batch.iter().filter(|x| chosen.iter().all(|y| apart(x, y))).collect();
-        let kept: Vec<bool> = wanted.par_iter().map(|x| task.keeps(x)).collect();
+        // Limits on the motion simulate every candidate, so that a batch takes its time.
+        let kept: Vec<bool> = wanted
+            .par_iter()
+            .map(|x| {
+                task.ctl.check()?;
+                Ok(task.keeps(x))
+            })
+            .collect::<Result<_, Stopped>>()?;
         for (x, _) in wanted.into_iter().zip(kept).filter(|(_, kept)| *kept) {
             if chosen.len() < CLIMBS && chosen.iter().all(|y| apart(x, y)) {
                 chosen.push(x.clone());
