@@ -107,6 +107,17 @@ pub struct Motion {
     derivatives: Option<Derivatives>,
 }
 
+impl MotionSummary {
+    /// The limited quantities of which nothing is known, by name.
+    #[must_use]
+    pub fn unjudged(&self, limits: &MotionLimits) -> Vec<&'static str> {
+        let known = [self.position, self.velocity, self.acceleration, self.force, self.power];
+        let missing =
+            |((_, limit), extent): &((&'static str, Option<f64>), Option<Extent>)| limit.is_some() && extent.is_none();
+        limits.named().into_iter().zip(known).filter(missing).map(|((name, _), _)| name).collect()
+    }
+}
+
 impl Motion {
     /// A force of which nothing is known but its samples.
     #[must_use]

@@ -165,6 +165,15 @@ impl Plan {
         if motion.within_limits == Some(false) {
             warnings.push(Warning::new("limits_broken", "a peak of the motion is above its limit; see motion"));
         }
+        let unjudged = motion.unjudged(&self.spec.limits);
+        if !unjudged.is_empty() {
+            let message = format!(
+                "nothing tells the {} of this signal, so that its limit was not judged: give the plant that moves, or say by quantity what the \
+                 signal is",
+                unjudged.join(" and the ")
+            );
+            warnings.push(Warning::new("limit_not_judged", message));
+        }
         step()?;
         let whole = band_flatness(&spectrum, &lines, None).map_err(|error| problems::band(&error, "/inputs/signal"))?;
         let whole_answer = answer
@@ -172,13 +181,14 @@ impl Plan {
             .map(|answer| band_flatness(answer, &lines, None))
             .transpose()
             .map_err(|error| problems::band(&error, "/inputs/signal"))?;
-        let least = if signal.is_made { ROUNDING } else { self.spec.power_threshold };
+        let least = self.least(&signal);
+        let carrying = self.carrying(&signal, &spectrum);
         let result = ExcitationQualityResult {
             signal: SignalResult::new(&signal, samples, record.len() / samples),
             flatness,
             whole_band: FlatnessResult::new(Band::UpTo(0.5 / signal.sample_time_s), whole, whole_answer),
             lines: LinesResult::new(rule, &spectrum, answer.as_ref(), &lines, self.spec.max_lines),
-            persistent_excitation_order: spectrum.persistent_excitation_order(&lines, least),
+            persistent_excitation_order: spectrum.persistent_excitation_order(&carrying, least),
             autocorrelation,
             predictability,
             path: path.as_ref().map(path_result),
@@ -205,14 +215,29 @@ impl Plan {
         ))
     }
 
+    /// The share of the strongest line's power from which a line counts.
+    fn least(&self, signal: &Signal) -> f64 {
+        if signal.is_made { ROUNDING } else { self.spec.power_threshold }
+    }
+
+    /// The lines that carry power, whichever are judged: of a made signal by construction, of a recording those that stand out of it, since a
+    /// device may not follow everything that was played.
+    fn carrying(&self, signal: &Signal, spectrum: &Spectrum) -> Vec<usize> {
+        match &signal.harmonics {
+            Some(harmonics) if signal.is_made => {
+                harmonics.iter().copied().filter(|n| 2 * n < spectrum.samples).collect()
+            }
+            _ => spectrum.excited(self.least(signal)),
+        }
+    }
+
     /// The lines that are judged, and by which rule they were chosen.
     fn lines(&self, signal: &Signal, spectrum: &Spectrum) -> Result<(&'static str, Vec<usize>), Problem> {
         let all = spectrum.all_lines();
         let (rule, lines) = match (&self.spec.lines, &signal.harmonics) {
             (LineChoice::Name(LineName::Auto), Some(harmonics)) => ("sequence", harmonics.clone()),
             (LineChoice::Name(LineName::Auto | LineName::Excited), _) => {
-                let threshold = if signal.is_made { ROUNDING } else { self.spec.power_threshold };
-                ("excited", spectrum.excited(threshold))
+                ("excited", spectrum.excited(self.least(signal)))
             }
             (LineChoice::Name(LineName::All), _) => ("all", all),
             (LineChoice::Name(LineName::Odd), _) => ("odd", all.into_iter().step_by(2).collect()),

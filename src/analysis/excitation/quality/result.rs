@@ -225,7 +225,8 @@ pub struct ExcitationQualityResult {
     pub whole_band: FlatnessResult,
     /// The lines that carry power.
     pub lines: LinesResult,
-    /// The order of persistent excitation: frequencies in (−f_N, f_N] that carry power.
+    /// The order of persistent excitation: frequencies in (−f_N, f_N] that carry power, whichever lines are judged; of a recording those that
+    /// pass the threshold and the noise, whatever was played.
     pub persistent_excitation_order: usize,
     /// Autocorrelation.
     pub autocorrelation: AutocorrelationResult,
