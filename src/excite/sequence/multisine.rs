@@ -146,12 +146,11 @@ impl Multisine {
         if let Some(Interleave { part, of }) = self.interleave
             && part >= of
         {
-            let most = of as f64 - 1.0;
-            return Err(SequenceError::OutOfRange {
-                field: "generator/interleave/part",
-                value: part as f64,
-                least: 0.0,
-                most,
+            return Err(if of == 0 {
+                SequenceError::NotPositive { field: "generator/interleave/of", value: 0.0 }
+            } else {
+                let (value, most) = (part as f64, of as f64 - 1.0);
+                SequenceError::OutOfRange { field: "generator/interleave/part", value, least: 0.0, most }
             });
         }
         let lines = self.lines()?;
