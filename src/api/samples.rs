@@ -11,7 +11,7 @@ use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
 
-/// Downloads the samples of a report as CSV: an excitation as it is to be played, with what comes out of the plant or loop.
+/// Downloads the samples of a report as CSV, as they are to be played: a judged excitation, a designed input or target.
 #[utoipa::path(get, path = "/v1/analyses/{analysis}/samples", tag = "analyses", operation_id = "read_samples",
     params(AnalysisPath, IfNoneMatch),
     responses(
@@ -29,7 +29,7 @@ pub async fn read(
     let written = off_thread(move || {
         let report: Report = serde_json::from_str(&text)
             .map_err(|error| Problem::new(Code::Internal, "unreadable report", error.to_string()))?;
-        excitation::samples::csv(&report.result)
+        excitation::samples::csv(&report)
     })
     .await?;
     let bytes = written?.into_bytes();

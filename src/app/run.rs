@@ -36,7 +36,7 @@ pub fn run(path: &Path, compute_threads: usize, csv: bool) -> anyhow::Result<Exi
     let (outcome, _) = compute::run_plan(&plan, &Library::default(), &ctl, compute_threads);
     bar.finish_and_clear();
     match outcome {
-        Ok(report) if csv => match excitation::samples::csv(&report.result) {
+        Ok(report) if csv => match excitation::samples::csv(&report) {
             Ok(text) => {
                 std::io::stdout().lock().write_all(text.as_bytes())?;
                 Ok(ExitCode::SUCCESS)

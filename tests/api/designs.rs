@@ -36,6 +36,13 @@ async fn a_model_goes_in_and_an_input_comes_out() {
     }
     let codes: Vec<&str> = report["warnings"].as_array().unwrap().iter().map(|w| w["code"].as_str().unwrap()).collect();
     assert!(codes.contains(&"trace_dominated") && codes.contains(&"noise_assumed"), "{codes:?}");
+    // As a device would play it.
+    let csv = server.get(&format!("{path}/samples")).await.text();
+    let mut lines = csv.lines();
+    assert_eq!(lines.next(), Some("t,signal,start"));
+    let first: Vec<f64> = lines.next().unwrap().split(',').map(|number| number.parse().unwrap()).collect();
+    assert_eq!(first, [0.0, result["input"][0].as_f64().unwrap(), result["start_input"][0].as_f64().unwrap()]);
+    assert_eq!(lines.count(), 99);
     let mut contradictory = request();
     contradictory["spec"]["limits"]["outputs"]["torque"] = json!([60, -60]);
     let problem = server.post("/v1/analyses", &contradictory).await.problem(422, "invalid");

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod command_line;
+mod excitation;
 mod harness;
 mod kill;
 mod restart;
