@@ -15,6 +15,7 @@
 //! ```
 //! The method is that of [`excite::design`](crate::excite::design).
 
+mod catalogue;
 mod findings;
 mod model;
 mod monte_carlo;

@@ -1,13 +1,13 @@
 //! The model whose parameters an experiment is to tell: of the catalogue, or formulas in the request.
 
-use super::wrong;
+use super::{catalogue, wrong};
 use crate::analysis::problem::Problem;
 use crate::control::parametric::{Differentiated, Matrices, ParametricModel};
 use crate::control::{Continuous, Discrete, TimeBase};
 use crate::num::dual::Real;
 use crate::num::expression::Expression;
-use crate::plants::head_neck::{self, Axis, HeadNeck};
-use crate::plants::seated_balance::{Output, Parameter, SeatedBalance, Structure, Values};
+use crate::plants::head_neck::{Axis, HeadNeck};
+use crate::plants::seated_balance::SeatedBalance;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -17,7 +17,7 @@ use utoipa::ToSchema;
 /// States, outputs, inputs and free parameters at most.
 const MOST: [(&str, usize); 4] = [("states", 40), ("outputs", 12), ("inputs", 12), ("free parameters", 40)];
 /// Magnitudes beyond this overflow in products of a few matrices.
-const LARGEST: f64 = 1e60;
+pub(super) const LARGEST: f64 = 1e60;
 
 /// Names of a model of the catalogue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -27,6 +27,20 @@ pub enum ModelName {
     SeatedBalance,
     /// The head tracking a target (Priess 2015, chapter 2); the input is the target's angle, rad.
     HeadNeck,
+    /// Two masses in a chain (Zhang 2015, equations 3.1 to 3.3), of m1, m2, c1, c2, k1 and k2; the input is the force on the second.
+    TwoMass,
+    /// The linear drive of a manipulandum (Qiu 2021, section IV.B), of mass and damping; the input is its force.
+    LinearDrive,
+    /// Gain, zero, damping and stiffness, with a minimum-phase zero (Zhang 2015, equation 5.4).
+    MinimumPhase,
+    /// The same with a nonminimum-phase zero (equation 5.5).
+    NonminimumPhase,
+    /// The same with a slow one (equation 5.6).
+    SlowNonminimumPhase,
+    /// A velocity: a gain.
+    Integrator,
+    /// A force on a unit mass with unit damping: mass and damping.
+    DampedDoubleIntegrator,
 }
 
 /// A model of the catalogue.
@@ -39,16 +53,16 @@ pub struct NamedModel {
     #[serde(default)]
     pub values: BTreeMap<String, f64>,
     /// The parameters that the experiment is to tell. Default: k1 … k4, j1, j2, l1, l12, l2, tau and t_w of seated balance, k_p, k_d, k_i and tau
-    /// of the head.
+    /// of the head, all of the others.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub free: Option<Vec<String>>,
-    /// The state at the beginning, of seated balance: α₁, α̇₁, α₂, α̇₂. Default: at rest.
+    /// The state at the beginning: of seated balance α₁, α̇₁, α₂, α̇₂; of the others but the head their own states. Default: at rest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub initial: Option<[f64; 4]>,
-    /// Order of the Padé approximation of the delay. Default: 5.
+    pub initial: Option<Vec<f64>>,
+    /// Order of the Padé approximation of the delay, of seated balance and the head. Default: 5.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub delay_order: Option<usize>,
-    /// About which axis the head turns. Default: flexion_extension.
+    /// About which axis the head turns, of the head. Default: flexion_extension.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axis: Option<Axis>,
 }
@@ -171,7 +185,7 @@ impl<T: TimeBase> ParametricModel for Formulas<T> {
 
 /// A checked model.
 #[derive(Debug, Clone, PartialEq)]
-enum Known {
+pub(super) enum Known {
     Seated(SeatedBalance),
     Head(HeadNeck),
     Continuous(Formulas<Continuous>),
@@ -191,15 +205,15 @@ pub(super) struct Model {
 impl Model {
     /// Checks the member `model` of the inputs.
     pub fn parse(value: &Value) -> Result<(ModelInput, Self), Problem> {
-        const FORMS: &str = "Give {\"name\": \"seated_balance\" or \"head_neck\", ..}, or matrices a, b and c of numbers and formulas with \
-                             their parameters.";
+        const FORMS: &str = "Give {\"name\": \"seated_balance\", \"head_neck\" or that of a plant, ..}, or matrices a, b and c of numbers and \
+                             formulas with their parameters.";
         let at = "/inputs/model";
         let members = value.as_object().ok_or_else(|| wrong("the model is no object", at).mend(FORMS))?;
         // One form or the other, so that errors speak of the form that is meant.
         if members.contains_key("name") {
             let named: NamedModel =
                 serde_json::from_value(value.clone()).map_err(|error| wrong(error.to_string(), at).mend(FORMS))?;
-            let model = Self::named(&named)?;
+            let model = catalogue::named(&named)?;
             Ok((ModelInput::Named(named), model))
         } else {
             let formulas: FormulaModel =
@@ -209,79 +223,8 @@ impl Model {
         }
     }
 
-    fn named(named: &NamedModel) -> Result<Self, Problem> {
-        let at = "/inputs/model";
-        let stray = |field: &str| Err(wrong(format!("this model takes no {field}"), format!("{at}/{field}")));
-        match named.name {
-            ModelName::SeatedBalance => {
-                if named.axis.is_some() {
-                    return stray("axis");
-                }
-                let parameter = |name: &str, at: String| {
-                    Parameter::by_name(name).ok_or_else(|| {
-                        let known: Vec<&str> = Parameter::ALL.iter().map(|p| p.name()).collect();
-                        wrong(format!("there is no parameter {name:?}"), at)
-                            .mend(format!("Its parameters are {}.", known.join(", ")))
-                    })
-                };
-                let mut values = Values::table_5_1();
-                for (name, value) in &named.values {
-                    values = values.with(parameter(name, format!("{at}/values/{name}"))?, *value);
-                }
-                let free = match &named.free {
-                    None => Parameter::ALL[..11].to_vec(),
-                    Some(names) => names
-                        .iter()
-                        .enumerate()
-                        .map(|(i, name)| parameter(name, format!("{at}/free/{i}")))
-                        .collect::<Result<_, _>>()?,
-                };
-                let outputs = [
-                    Output::LowerAngle,
-                    Output::LowerRate,
-                    Output::UpperAngle,
-                    Output::UpperRate,
-                    Output::Bend,
-                    Output::Torque,
-                ];
-                let mut structure = Structure { outputs: outputs.to_vec(), ..Structure::default() };
-                structure.delay_order = named.delay_order.unwrap_or(structure.delay_order);
-                let model = SeatedBalance::new(structure, values, free)
-                    .and_then(|model| model.starting_from(named.initial.unwrap_or_default()))
-                    .map_err(|error| wrong(error.to_string(), at))?;
-                let names = ["lower_angle", "lower_rate", "upper_angle", "upper_rate", "bend", "torque"];
-                Self::checked(Known::Seated(model), names.map(str::to_owned).to_vec(), 1)
-            }
-            ModelName::HeadNeck => {
-                if named.initial.is_some() {
-                    return stray("initial");
-                }
-                let place = |name: &str, at: String| {
-                    head_neck::PARAMETERS.iter().position(|known| *known == name).ok_or_else(|| {
-                        wrong(format!("there is no parameter {name:?}"), at)
-                            .mend(format!("Its parameters are {}.", head_neck::PARAMETERS.join(", ")))
-                    })
-                };
-                let mut values = named.axis.unwrap_or(Axis::FlexionExtension).nominal();
-                for (name, value) in &named.values {
-                    values[place(name, format!("{at}/values/{name}"))?] = *value;
-                }
-                let free = match &named.free {
-                    None => vec![0, 1, 2, 3],
-                    Some(names) => names
-                        .iter()
-                        .enumerate()
-                        .map(|(i, name)| place(name, format!("{at}/free/{i}")))
-                        .collect::<Result<_, _>>()?,
-                };
-                let drive = head_neck::Drive::Target { delay_order: named.delay_order.unwrap_or(5) };
-                let model = HeadNeck::new(values, free, drive).map_err(|error| wrong(error.to_string(), at))?;
-                Self::checked(Known::Head(model), head_neck::OUTPUTS.map(str::to_owned).to_vec(), 1)
-            }
-        }
-    }
-
-    fn formulas(written: &FormulaModel) -> Result<Self, Problem> {
+    /// The model of formulas in the request.
+    pub fn formulas(written: &FormulaModel) -> Result<Self, Problem> {
         let at = "/inputs/model";
         let names: Vec<String> = written.parameters.iter().map(|p| p.name.clone()).collect();
         for (i, parameter) in written.parameters.iter().enumerate() {
@@ -375,7 +318,8 @@ impl Model {
         Self::checked(known, outputs, m)
     }
 
-    fn checked(known: Known, outputs: Vec<String>, inputs: usize) -> Result<Self, Problem> {
+    /// With what follows from it: what is measured by default, and whether it is of a size that is taken.
+    pub fn checked(known: Known, outputs: Vec<String>, inputs: usize) -> Result<Self, Problem> {
         let measured = match &known {
             Known::Seated(_) => ["lower_angle", "upper_angle"].map(str::to_owned).to_vec(),
             Known::Head(_) => vec!["angle".to_owned()],

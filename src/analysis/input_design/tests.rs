@@ -82,6 +82,66 @@ fn the_head_is_in_the_catalogue() {
 }
 
 #[test]
+fn the_plants_of_the_catalogue_are_models() {
+    use crate::control::{Discrete, TimeBase as _, discretise};
+    use crate::plants::Plant as Catalogued;
+    let sampled = |model: Value| {
+        let (_, model) = Model::parse(&model).unwrap();
+        let time = Discrete::new(0.1).unwrap();
+        let found = model.sampled(&model.nominal(), time).unwrap();
+        assert_eq!(found.slopes.len(), model.names().len());
+        move |omega: f64| found.value.model.eval(time.point(omega)).unwrap()[(0, 0)]
+    };
+    for plant in Catalogued::ALL {
+        let found = sampled(json!({"name": plant.name()}));
+        let expected = discretise::zero_order_hold(&plant.transfer_function(), Discrete::new(0.1).unwrap()).unwrap();
+        for omega in [0.3, 2.0, 9.0, 25.0] {
+            let expected = expected.response(omega);
+            assert!((found(omega) - expected).norm() < 1e-10 * expected.norm(), "{plant:?} {omega}");
+        }
+    }
+    // Qiu 2021, equations 17 and 18.
+    let found = sampled(json!({"name": "linear_drive", "values": {"mass": 8}}));
+    let [b1, b2] = crate::excite::path::mass_damper_pulse(8.0, 50.0, 0.1);
+    let z = Discrete::new(0.1).unwrap().point(3.0);
+    let expected = (b1 * z + b2) / ((z - 1.0) * (z - (-0.625_f64).exp()));
+    assert!((found(3.0) - expected).norm() < 1e-10 * expected.norm());
+
+    // One is designed for: what matters is learnt better, within the limits, and the other masses are taken as known.
+    let inputs = json!({"model": {"name": "two_mass", "free": ["m2", "k2", "c2"], "initial": [0, 0, 0.01, 0]}, "starts": [
+        {"generator": {"kind": "prbs", "order": 5, "chip_s": 0.4}, "sample_time_s": 0.2, "duration_s": 12}]});
+    let limits = json!({"input": 1.5, "outputs": {"first_position": 0.9, "velocity": 1.2}});
+    let spec = json!({"samples": 60, "sample_time_s": 0.2, "criterion": "scaled_a", "noise_covariance": [[1e-6]], "limits": limits,
+        "scale_to_fit": true, "monte_carlo": {"replicates": 200, "seed": 1}});
+    let report = run(inputs.clone(), spec.clone());
+    let result = &report.result;
+    assert!(result["factor"].as_f64().unwrap() > 1.2, "{}", result["factor"]);
+    assert_eq!(result["parameters"][0]["name"], json!("m2"));
+    assert!(result["limits"].as_array().unwrap().iter().all(|limit| limit["slack"].as_f64().unwrap() >= 0.0));
+    assert_eq!(result["monte_carlo"]["failed"], json!([0, 0]));
+    let csv = crate::analysis::excitation::samples::csv(&report).unwrap();
+    assert!(csv.starts_with("t,signal,start\r\n0.0,") && csv.lines().count() == 61, "{csv}");
+
+    for (change, at, words) in [
+        (json!({"axis": "axial_rotation"}), "/inputs/model/axis", "takes no axis"),
+        (json!({"delay_order": 2}), "/inputs/model/delay_order", "takes no delay_order"),
+        (json!({"values": {"m3": 1}}), "/inputs/model/values/m3", "no parameter"),
+        (json!({"values": {"m1": 0}}), "/inputs/model/values/m1", "positive"),
+        (json!({"free": ["m1", "mass"]}), "/inputs/model/free/1", "no parameter"),
+        (json!({"free": []}), "/inputs/model", "no parameter is free"),
+        (json!({"initial": [0, 0]}), "/inputs/model/initial", "2 entries and must have 4"),
+    ] {
+        let mut inputs = inputs.clone();
+        inputs["model"].as_object_mut().unwrap().extend(change.as_object().unwrap().clone());
+        let problem = refused(inputs, spec.clone());
+        assert_eq!(problem.location.as_deref(), Some(at), "{problem}");
+        assert!(problem.detail.contains(words), "{problem}");
+    }
+    let seated = json!({"model": {"name": "seated_balance", "initial": [0.1]}, "starts": [[1]]});
+    assert_eq!(refused(seated, spec).location.as_deref(), Some("/inputs/model/initial"));
+}
+
+#[test]
 fn impossible_designs_are_named() {
     let good = json!({"samples": 60, "sample_time_s": 0.2, "limits": {"input": 1.5}});
     let starts = json!([alternating(60)]);
