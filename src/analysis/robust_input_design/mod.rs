@@ -225,7 +225,19 @@ fn findings(
             ),
         ));
     }
-    for (name, fresh) in [("nominal", nominal), ("robust", robust)] {
+    for (name, worst, fresh) in [("nominal", &outcome.nominal, nominal), ("robust", &outcome.robust, robust)] {
+        let [lower, upper] = fresh.result.interval;
+        if !(lower..=upper).contains(&worst.cost()) {
+            warnings.push(Warning::new(
+                "draws_too_few",
+                format!(
+                    "the search put the worst cost of the {name} experiment at {:.4} where fresh draws give {:.4} ({lower:.4} to {upper:.4}): it \
+                     knew its own draws too well; give more draws",
+                    worst.cost(),
+                    fresh.result.cost
+                ),
+            ));
+        }
         if fresh.result.not_converged > 0 {
             warnings.push(Warning::new(
                 "refits_not_converged",

@@ -148,9 +148,9 @@ pub struct RobustInputDesignSpec {
     pub derivative_filter_s: f64,
     /// Bodies are drawn uniformly within this share of their mean. Default: 0.2.
     pub body_spread: f64,
-    /// Draws of body and muscle noise in the search, the same for all that it compares. Default: 12.
+    /// Draws of body and muscle noise in the search, the same for all that it compares. Default: 48.
     pub draws: usize,
-    /// Draws that the answers are re-estimated with. Default: 48.
+    /// Draws that the answers are re-estimated with. Default: 200.
     pub fresh_draws: usize,
     /// Iterations of the min-max at most. Default: 25.
     pub max_iterations: usize,
@@ -169,8 +169,8 @@ impl Default for RobustInputDesignSpec {
             muscle_lag_s: MUSCLE_LAG_S,
             derivative_filter_s: DERIVATIVE_FILTER_S,
             body_spread: 0.2,
-            draws: 12,
-            fresh_draws: 48,
+            draws: 48,
+            fresh_draws: 200,
             max_iterations: 25,
             rounds: 4,
             seed: 1,

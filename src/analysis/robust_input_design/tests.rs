@@ -28,6 +28,14 @@ fn the_worst_subject_is_no_worse_off_than_with_the_nominal_experiment() {
             let sum: f64 = ["error", "acceleration", "torque", "angle"].iter().map(|part| number(&parts[part])).sum();
             assert!((sum - number(&result[design]["fresh"]["cost"])).abs() < 1e-9 * (1.0 + sum));
         }
+        // Where a search knew its few draws too well, it says so.
+        let is_outside = ["robust", "nominal"].into_iter().any(|design| {
+            let fresh: [f64; 2] = serde_json::from_value(result[design]["fresh"]["interval"].clone()).unwrap();
+            !(fresh[0]..=fresh[1]).contains(&number(&result[design]["worst_cost"]))
+        });
+        assert_eq!(report.warnings.iter().any(|warning| warning.code == "draws_too_few"), is_outside);
+        let csv = crate::analysis::excitation::samples::csv(&report).unwrap();
+        assert!(csv.starts_with("t,signal,nominal\r\n0.0,") && csv.lines().count() == 201);
         assert_eq!(report.provenance.seed, Some(1));
         let again = plan.run(&Library::default(), &Ctl::new()).unwrap();
         assert_eq!(again.provenance.result_sha256, report.provenance.result_sha256);
