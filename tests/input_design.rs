@@ -11,6 +11,9 @@ use volition::num::{Ctl, StopReason, rng};
 mod chapter_five;
 use chapter_five::{GOLDEN, case, numbers, shares};
 
+/// The parameters in the order of θ, as the golden file calls them.
+const NAMES: [&str; 11] = ["K1", "K2", "K3", "K4", "J1", "J2", "l1", "l12", "l2", "tau", "Tw"];
+
 fn near(found: f64, expected: f64, tolerance: f64) {
     assert!((found - expected).abs() <= tolerance * expected.abs(), "{found} {expected}");
 }
@@ -45,6 +48,9 @@ fn responses_are_those_of_the_reference() {
 #[test]
 fn the_loop_has_the_poles_of_the_reference() {
     let plant = chapter_five::plant();
+    for (name, value) in NAMES.iter().zip(plant.nominal()) {
+        assert_eq!(value, GOLDEN["theta"][name].as_f64().unwrap(), "{name}");
+    }
     let mut poles = plant.closed_loop().unwrap().poles().unwrap();
     let mut expected: Vec<Vec<f64>> = serde_json::from_value(GOLDEN["cont_poles"].clone()).unwrap();
     assert_eq!(poles.len(), 10);
@@ -85,8 +91,7 @@ fn the_information_is_that_of_the_reference() {
     let u = DVector::from_column_slice(&case.start);
     near(trace(&case.start), (u.transpose() * &form * &u)[0] + 2.0 * vector.dot(&u) + constant, 1e-11);
     let matrix = case.information.fisher(&case.start).matrix();
-    let names = ["K1", "K2", "K3", "K4", "J1", "J2", "l1", "l12", "l2", "tau", "Tw"];
-    for (i, name) in names.iter().enumerate() {
+    for (i, name) in NAMES.iter().enumerate() {
         near(matrix[(i, i)], GOLDEN["diagFIM_u0"][name].as_f64().unwrap(), 1e-7);
     }
     let used = shares(&case, &case.start);
@@ -158,7 +163,7 @@ fn the_program_without_autocorrelation_has_the_reference_optimum() {
     // Without a region and without autocorrelation the climb goes far (reference: 12.67).
     let free = Settings { radius: 40.0, tolerance: 1e-4, ..settings(Criterion::T) };
     let found = climb(&case.information, &limits, &case.start, &free, &Ctl::new()).unwrap();
-    assert!((found.factor - 12.6727).abs() < 0.02, "{}", found.factor);
+    assert!((found.factor - GOLDEN["mm"][5]["ratio"].as_f64().unwrap()).abs() < 0.02, "{}", found.factor);
 }
 
 #[test]
@@ -173,6 +178,19 @@ fn chapter_five_gains_more_than_the_reference_and_keeps_every_limit() {
     }
     assert!(found.history.windows(2).all(|pair| pair[0] < pair[1]), "it never falls");
     assert!(found.last.bound >= found.last.gain * (1.0 - 1e-9) && found.last.gain >= 0.0);
+    // How far a climb comes depends on its path, so that the reference's ends are no values to meet (±0.02 between solvers), but to beat: every
+    // run of it within the autocorrelation, and with its printed design no parameter by less than 1 %.
+    let runs = GOLDEN["mm"].as_array().unwrap();
+    let ratio = |run: &serde_json::Value| run["ratio"].as_f64().unwrap();
+    assert_eq!(runs.len(), 6);
+    assert!(runs[..5].iter().all(|run| found.factor > ratio(run) + 0.02), "{}", found.factor);
+    let (own, start) = (case.information.fisher(&found.input).matrix(), case.information.fisher(&case.start).matrix());
+    let theirs: Vec<f64> = NAMES.iter().map(|name| GOLDEN["diagFIM_ustar"][name].as_f64().unwrap()).collect();
+    // That design is the end of the first run, and our matrix is the one that it was measured with.
+    near(theirs.iter().sum::<f64>() / start.trace(), ratio(&runs[0]), 1e-8);
+    for (i, theirs) in theirs.iter().enumerate() {
+        assert!(own[(i, i)] > 0.99 * theirs, "{}: {} {theirs}", NAMES[i], own[(i, i)]);
+    }
     // Whoever runs it again gets the same numbers.
     let again = climb(&case.information, &case.limits, &case.start, &settings(Criterion::T), &Ctl::new()).unwrap();
     assert_eq!(again, found);

@@ -2,13 +2,15 @@
 
 use crate::support::{DRIVE, SIGNAL, close, design, made, run};
 use serde_json::{Value, json};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 use volition::analysis::{Failure, Kind, Library, Plan, Request};
 use volition::control::{Discrete, System, TransferFunction};
 use volition::excite::compensator::{Compensator, DesignLimits};
 use volition::excite::flatness::{Band, flatness};
 use volition::excite::path::{Path, SampledPlant};
 use volition::excite::spectrum::Spectrum;
-use volition::num::{Ctl, StopReason};
+use volition::num::{Ctl, StopReason, Stopped};
 
 #[test]
 fn the_report_has_the_shape_that_scripts_rely_on() {
@@ -28,7 +30,7 @@ fn the_report_has_the_shape_that_scripts_rely_on() {
     close(result["path"]["disturbance_norm"].as_f64().unwrap(), 7.330_308e-4, 1e-5);
     assert_eq!(result["motion"]["within_limits"], false, "{}", result["motion"]);
     assert_eq!(result["samples"]["signal"].as_array().unwrap().len(), 48_400);
-    let csv = volition::analysis::excitation::samples::csv(result).unwrap();
+    let csv = volition::analysis::excitation::samples::csv(&report).unwrap();
     assert!(csv.starts_with("t,signal,force,output\r\n0.0,0.0,"), "{}", &csv[..60]);
     assert_eq!(csv.lines().count(), 48_401);
     // A person who reacts after a chip cannot predict what comes.
@@ -69,6 +71,15 @@ fn what_the_device_did_is_judged_from_the_trial() {
     let output_snr = result["lines"]["output_snr_db"][0].as_f64().unwrap();
     let ratio = result["lines"]["output_power"][0].as_f64().unwrap() / (2.0 * 1e-4 / n as f64);
     assert!((output_snr - 10.0 * ratio.log10()).abs() < 6.0, "{output_snr} {ratio}");
+    // Over all lines its mean is known to 1/√(3·lines): four times that.
+    let column = |name: &str| -> Vec<f64> { serde_json::from_value(result["lines"][name].clone()).unwrap() };
+    let (power, snr) = (column("output_power"), column("output_snr_db"));
+    let noise = power.iter().zip(&snr).map(|(p, db)| p / 10.0_f64.powf(0.1 * db)).sum::<f64>() / power.len() as f64;
+    assert!(power.len() >= 395, "{}", power.len());
+    close(noise, 2.0 * 1e-4 / n as f64, 4.0 / (3.0 * power.len() as f64).sqrt());
+    // The command has no noise: no ratio, rather than an infinite one; and the period is exact.
+    assert!(result["lines"]["snr_db"].as_array().unwrap().iter().all(|db| db.as_f64().is_none_or(|db| db > 250.0)));
+    assert_eq!((result["signal"]["period_s"].as_f64(), n), (Some(16.0), 1600));
     // Any column, by its own lines; noise does not count as excitation.
     let signal = json!({"trial": trial, "channel": "y", "start_s": 16, "period_s": 16});
     let own = run("excitation_quality", json!({"signal": signal}), json!({})).unwrap();
@@ -88,7 +99,12 @@ fn impossible_requests_are_named() {
         generator.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
         with(generator)
     };
-    let at = "/inputs/signal/generator";
+    let whole = |extra: Value| {
+        let mut inputs = prts(json!({}));
+        inputs["signal"].as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
+        inputs
+    };
+    let (around, at) = ("/inputs/signal", "/inputs/signal/generator");
     let cases = [
         (prts(json!({"order": 0})), json!({}), format!("{at}/order"), "order is 0"),
         (prts(json!({"order": -1})), json!({}), format!("{at}/order"), "invalid value"),
@@ -152,6 +168,36 @@ fn impossible_requests_are_named() {
             format!("{at}/transition_hz"),
             "order",
         ),
+        (
+            with(json!({"kind": "multisine", "base_hz": 0.1, "harmonics": [2, 3], "interleave": {"part": 0, "of": 0}})),
+            json!({}),
+            format!("{at}/interleave/of"),
+            "positive",
+        ),
+        (
+            with(json!({"kind": "multisine", "base_hz": 0.1, "harmonics": [2, 3], "interleave": {"part": 2, "of": 2}})),
+            json!({}),
+            format!("{at}/interleave/part"),
+            "from 0 to 1",
+        ),
+        (
+            with(json!({"kind": "multisine", "base_hz": 0.1, "harmonics": [2, 3], "phases": {"rad": [0]}})),
+            json!({}),
+            format!("{at}/phases/rad"),
+            "1 entries for 2 lines",
+        ),
+        (
+            with(json!({"kind": "chirp", "preset": "zhang2015_section_5_2", "to_hz": 1})),
+            json!({}),
+            format!("{at}/to_hz"),
+            "together with preset",
+        ),
+        (whole(json!({"scale": {"peak": -1}})), json!({}), format!("{around}/scale/peak"), "positive"),
+        (whole(json!({"scale": {"rms": 0}})), json!({}), format!("{around}/scale/rms"), "positive"),
+        (whole(json!({"clip": [1, -1]})), json!({}), format!("{around}/clip"), "empty"),
+        (whole(json!({"taper": 0.6})), json!({}), format!("{around}/taper"), "0 to 0.5"),
+        (whole(json!({"periods": 0})), json!({}), format!("{around}/periods"), "positive"),
+        (whole(json!({"periods": 2, "duration_s": 9})), json!({}), format!("{around}/duration_s"), "together"),
         (prts(json!({})), json!({"band_hz": [60]}), "/spec/band_hz/0".to_owned(), "Nyquist"),
         (prts(json!({})), json!({"band_hz": [[3, 2]]}), "/spec/band_hz/0".to_owned(), "empty"),
         (prts(json!({})), json!({"band_hz": [0]}), "/spec/band_hz/0".to_owned(), "empty"),
@@ -251,4 +297,127 @@ fn it_stops_when_asked_and_repeats_to_the_byte() {
     // The judge's findings are those of the limits that it is given.
     let judged = design(5.0).judge(&Compensator::proportional(9051.9), &DesignLimits::default()).unwrap();
     assert_eq!(judged.motion.within_limits, None);
+}
+
+#[test]
+fn every_kind_stops_when_asked_and_counts_to_its_end() {
+    let signal = json!({"generator": {"kind": "prts", "order": 3, "chip_s": 0.2, "seed": 8}, "sample_time_s": 0.005});
+    let oscillator =
+        json!({"parameters": [{"name": "k", "value": 4}], "a": [[0, 1], ["-k", -1]], "b": [[0], [1]], "c": [[1, 0]]});
+    let start =
+        json!({"generator": {"kind": "prbs", "order": 4, "chip_s": 0.4}, "sample_time_s": 0.2, "duration_s": 12});
+    let short = json!({
+        "experiment": {"duration_s": 6, "sample_time_s": 0.06}, "draws": 2, "fresh_draws": 4, "max_iterations": 2, "rounds": 1, "seed": 6
+    });
+    let cases = [
+        ("excitation_quality", json!({"signal": signal}), json!({"band_hz": [2]}), 8),
+        (
+            "compensator_design",
+            json!({"plant": DRIVE(), "signal": signal}),
+            json!({"structure": "proportional", "band_hz": 5, "sweep": {"count": 5}}),
+            8,
+        ),
+        (
+            "input_design",
+            json!({"model": oscillator, "starts": [start]}),
+            json!({"samples": 60, "sample_time_s": 0.2, "noise_covariance": [[1e-4]], "limits": {"input": 2}, "max_steps": 9, "monte_carlo": {"replicates": 10, "seed": 7}}),
+            7,
+        ),
+        ("robust_input_design", json!({"axis": "axial_rotation"}), short, 6),
+    ];
+    for (kind, inputs, spec, seed) in cases {
+        let plan = Plan::parse(&Request { kind: kind.to_owned(), inputs, spec }).unwrap();
+        let ctl = Ctl::new();
+        ctl.stop(StopReason::Cancelled);
+        let stopped = plan.run(&Library::default(), &ctl);
+        assert!(matches!(stopped, Err(Failure::Stopped(Stopped(StopReason::Cancelled)))), "{kind}");
+        let ctl = Ctl::new();
+        let report = plan.run(&Library::default(), &ctl).unwrap();
+        let progress = ctl.progress();
+        assert!(progress.done == progress.total && progress.total > 0, "{kind} {progress:?}");
+        assert_eq!(report.provenance.seed, Some(seed), "{kind}");
+        let again = plan.run(&Library::default(), &Ctl::new()).unwrap();
+        assert_eq!(again.provenance.result_sha256, report.provenance.result_sha256, "{kind}");
+    }
+}
+
+#[test]
+fn long_searches_stop_on_their_way() {
+    let wobble = json!({"model": {"name": "seated_balance", "initial": [0.01, 0, 0, 0]}, "starts": [
+        {"generator": {"kind": "prbs", "order": 6, "chip_s": 0.5, "amplitude": 6}, "sample_time_s": 0.1, "duration_s": 120}]});
+    let cases = [
+        (
+            "compensator_design",
+            json!({"plant": DRIVE(), "signal": SIGNAL()}),
+            json!({"structure": "lead", "band_hz": 10}),
+        ),
+        (
+            "input_design",
+            wobble,
+            json!({"samples": 1200, "sample_time_s": 0.1, "scale_to_fit": true, "max_steps": 2000, "tolerance": 1e-9,
+                "limits": {"input": 20, "outputs": {"lower_angle": 0.192, "upper_angle": 0.078}, "autocorrelation": {}}}),
+        ),
+        ("robust_input_design", json!({"axis": "flexion_extension"}), json!({"draws": 500, "max_iterations": 100})),
+    ];
+    for (kind, inputs, spec) in cases {
+        let plan = Plan::parse(&Request { kind: kind.to_owned(), inputs, spec }).unwrap();
+        let (ctl, is_over) = (Ctl::new(), AtomicBool::new(false));
+        let outcome = std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while ctl.progress().done == 0 && !is_over.load(Ordering::Relaxed) {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                ctl.stop(StopReason::Cancelled);
+            });
+            let outcome = plan.run(&Library::default(), &ctl);
+            is_over.store(true, Ordering::Relaxed);
+            outcome
+        });
+        assert!(matches!(outcome, Err(Failure::Stopped(Stopped(StopReason::Cancelled)))), "{kind}");
+        let progress = ctl.progress();
+        assert!(progress.done > 0 && progress.done < progress.total, "{kind} {progress:?}");
+    }
+}
+
+#[test]
+fn the_order_of_persistent_excitation_is_that_of_the_signal_whichever_lines_are_judged() {
+    let signal = json!({"generator": {"kind": "prts", "order": 3, "chip_s": 0.2}, "sample_time_s": 0.02});
+    let order = |signal: &Value, lines: Value| {
+        let report = run("excitation_quality", json!({"signal": signal}), json!({"lines": lines})).unwrap();
+        report.result["persistent_excitation_order"].as_u64().unwrap()
+    };
+    // The 65 odd lines below the Nyquist frequency, which is line 130, on both sides of 0 Hz.
+    for lines in [json!("auto"), json!("excited"), json!("odd"), json!({"harmonics": [1, 3, 5]}), json!("all")] {
+        assert_eq!(order(&signal, lines), 130);
+    }
+    // A device that follows two lines of what was played is excited by two.
+    let slow: Vec<f64> = (0..520)
+        .map(|k| 2.0 * std::f64::consts::PI * f64::from(k) / 260.0)
+        .map(|t| t.sin() + 0.5 * (3.0 * t).cos())
+        .collect();
+    let played = json!({
+        "samples": slow, "sample_time_s": 0.02, "generator": {"kind": "prts", "order": 3, "chip_s": 0.2}
+    });
+    assert_eq!((order(&played, json!("auto")), order(&played, json!("excited"))), (4, 4));
+}
+
+#[test]
+fn a_limit_that_nothing_can_judge_is_said_to_be_so() {
+    let signal = json!({"generator": {"kind": "prts", "order": 3, "chip_s": 0.2}, "sample_time_s": 0.02});
+    let ask = |inputs: Value, spec: Value| {
+        let report = run("excitation_quality", inputs, spec).unwrap();
+        let warnings = report.warnings.into_iter().filter(|w| w.code == "limit_not_judged").map(|w| w.message);
+        (report.result["motion"]["within_limits"].clone(), warnings.collect::<Vec<String>>())
+    };
+    let limits = json!({"limits": {"position": 2, "force": 5, "power": 9}});
+    let (within, said) = ask(json!({"signal": signal}), limits.clone());
+    assert!(within.is_null() && said.len() == 1 && said[0].contains("force and the power"), "{said:?}");
+    let (within, said) =
+        ask(json!({"signal": signal}), json!({"quantity": "force", "limits": {"force": 5, "velocity": 1}}));
+    assert!(within.is_null() && said.len() == 1 && said[0].contains("the velocity of"), "{said:?}");
+    let loop_ = json!({"signal": signal, "plant": DRIVE(), "controller": {"num": [2000], "den": [1]}});
+    let (within, said) = ask(loop_, json!({"limits": {"position": 1e3, "force": 1e5, "power": 1e7}}));
+    assert_eq!((within, said), (json!(true), vec![]));
+    let (within, said) = ask(json!({"signal": signal}), json!({"limits": {"position": 2}}));
+    assert_eq!((within, said), (json!(true), vec![]));
 }

@@ -1,6 +1,6 @@
 //! Sequences are what they say, chip by chip and line by line.
 
-use crate::support::{close, golden, made, spectrum};
+use crate::support::{close, golden, made, prts, spectrum};
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 use volition::excite::flatness::flatness;
@@ -49,6 +49,19 @@ fn every_polynomial_has_the_closed_form_of_the_spectrum() {
         }));
         close(flatness(lines.iter().map(|n| spectrum.power[*n])), closed, 1e-12);
     }
+    // At the paper's own rate, amplitude by amplitude.
+    let (sequence, n_samples) = (prts(0.001), 48_400.0);
+    let (lines, spectrum) = (sequence.harmonics.clone().unwrap(), spectrum(&sequence));
+    let amplitude = |n: usize| {
+        let angle = PI * n as f64;
+        if n % 2 == 1 { 18.0 * ((angle / 242.0).sin() / (angle / n_samples).sin()).abs() } else { 0.0 }
+    };
+    assert_eq!((lines.len(), spectrum.power.len()), (12_100, 24_201));
+    for (n, power) in spectrum.power.iter().enumerate() {
+        assert!((power.sqrt() - amplitude(n)).abs() <= 1e-12 * amplitude(1), "{n}");
+    }
+    let closed = flatness(lines.iter().map(|n| amplitude(*n).powi(2)));
+    close(flatness(lines.iter().map(|n| spectrum.power[*n])), closed, 1e-12);
 }
 
 #[test]
@@ -178,4 +191,39 @@ fn chirps_and_noise_are_what_they_say() {
     let most = (2.0_f64 * 0.5).atan2(3.0);
     assert!(shown.values.iter().all(|x| x.abs() <= most) && shown.values.iter().any(|x| x.abs() == most));
     assert_eq!((shown.values[0], shown.values[2999]), (0.0, 0.0));
+}
+
+#[test]
+fn scale_offset_clip_and_taper_come_in_this_order() {
+    let with = |extra: Value| {
+        let mut spec =
+            json!({"generator": {"kind": "prts", "order": 3, "chip_s": 0.5, "amplitude": 0.7}, "sample_time_s": 0.1});
+        spec.as_object_mut().unwrap().extend(extra.as_object().unwrap().clone());
+        made(spec)
+    };
+    let (plain, scaled) = (with(json!({})), with(json!({"scale": {"peak": 3}})));
+    assert_eq!((plain.values.len(), scaled.period, &scaled.harmonics), (130, plain.period, &plain.harmonics));
+    assert!(plain.values.iter().zip(&scaled.values).all(|(x, y)| (y - x / 0.7 * 3.0).abs() < 1e-15 * 3.0));
+    let rms = with(json!({"scale": {"rms": 0.5}}));
+    close(rms.values.iter().map(|x| x * x).sum::<f64>() / 130.0, 0.25, 1e-14);
+    // 18 of 26 chips are not zero.
+    close(rms.values.iter().fold(0.0, |peak: f64, x| peak.max(x.abs())), 0.5 * (26.0_f64 / 18.0).sqrt(), 1e-14);
+    let all = json!({"scale": {"peak": 3}, "offset": 0.5, "clip": [-2, 3.2], "taper": 0.1});
+    let (clipped, tapered) = (with(json!({"scale": {"peak": 3}, "offset": 0.5, "clip": [-2, 3.2]})), with(all));
+    for (x, y) in scaled.values.iter().zip(&clipped.values) {
+        assert_eq!(*y, (x + 0.5).clamp(-2.0, 3.2));
+    }
+    // Cutting puts power on other lines, and a taper leaves no period; a limit that nothing reaches changes nothing.
+    assert_eq!((clipped.harmonics.clone(), clipped.period), (None, plain.period));
+    assert!(spectrum(&clipped).excited(1e-9).iter().any(|n| n % 2 == 0));
+    assert_eq!(with(json!({"clip": [-1, 1]})), plain);
+    assert_eq!(
+        (tapered.values[0], tapered.values[129], tapered.period, tapered.harmonics.clone()),
+        (0.0, 0.0, None, None)
+    );
+    for (k, (x, y)) in clipped.values.iter().zip(&tapered.values).enumerate() {
+        let from_end = (k as f64).min(129.0 - k as f64);
+        let window = if from_end < 12.9 { 0.5 - 0.5 * (PI * from_end / 12.9).cos() } else { 1.0 };
+        assert!((y - x * window).abs() < 1e-15);
+    }
 }
