@@ -135,7 +135,7 @@ fn the_steady_state_of_a_simulation_has_the_computed_flatness() {
         let own = of(&sequence.values[..n]);
         assert!((of(&out[..n]) / own - first).abs() < 5e-5);
         let design = design(band);
-        close(of(&out[n..2 * n]) / own, design.blsfg(&Compensator::proportional(gain)), 1e-10);
-        close(of(&out[2 * n..]) / own, design.blsfg(&Compensator::proportional(gain)), 1e-10);
+        close(of(&out[n..2 * n]) / own, design.blsfg(&Compensator::proportional(gain)), 1e-12);
+        close(of(&out[2 * n..]) / own, design.blsfg(&Compensator::proportional(gain)), 1e-12);
     }
 }
