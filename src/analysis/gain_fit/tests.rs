@@ -204,19 +204,35 @@ fn the_trajectories_of_trials_are_those_of_the_fitted_loop() {
 
 #[test]
 fn a_structure_that_leaves_nothing_makes_no_probability() {
-    // Two controls and a diagonal state weight: four entries of K, and no unknown left for a gain that noise has moved.
-    let mut value = request();
-    value["inputs"]["plant"] = json!({"a": [[0, 1], [2, 0]], "b": [[1, 0.5], [0, 1]], "e": [[0], [1]]});
-    value["spec"]["optimality"] = json!({"draws": 20, "state_weight": "diagonal", "port_weight": "diagonal"});
+    // Two controls and diagonal weights: four entries of K, and no unknown left for a gain that noise has moved.
+    let a = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 2.0, 0.0]);
+    let b = DMatrix::from_row_slice(2, 2, &[1.0, 0.5, 0.0, 1.0]);
+    let k = DMatrix::from_row_slice(2, 2, &[1.5, 0.9, 0.4, 3.0]);
+    let e = DMatrix::from_column_slice(2, 1, &[0.0, 1.0]);
+    let (c, d) = (DMatrix::identity(2, 2), DMatrix::zeros(2, 1));
+    let model = crate::control::StateSpace::new(&a - &b * &k, e, c, d, Continuous).unwrap();
+    let loop_of = crate::control::parametric::Realisation { model, initial: DVector::zeros(2) };
+    let push = wave(60, 1.0);
+    let response = loop_of
+        .sampled(Discrete::new(0.05).unwrap())
+        .unwrap()
+        .respond(&DMatrix::from_column_slice(60, 1, &push))
+        .unwrap();
+    let rough = |k: usize, factor: f64| 1e-3 * ((k * k) as f64 * factor).sin();
+    let output: Vec<[f64; 2]> =
+        (0..60).map(|k| [response[(k, 0)] + rough(k, 1.7), response[(k, 1)] + rough(k, 2.3)]).collect();
+    let value = json!({
+        "kind": "gain_fit",
+        "inputs": {"plant": {"a": [[0, 1], [2, 0]], "b": [[1, 0.5], [0, 1]], "e": [[0], [1]]},
+                   "trial": {"sample_time_s": 0.05, "input": push, "output": output}},
+        "spec": {"draws": 20, "climbs": 2, "optimality": {"draws": 20, "state_weight": "diagonal", "port_weight": "diagonal"}}
+    });
     let report = parse(&value).unwrap().run(&Library::default(), &Ctl::new()).unwrap();
     let optimality = &report.result["optimality"];
-    if optimality["unknowns"] == 0 {
-        let codes: Vec<&str> = report.warnings.iter().map(|w| w.code.as_str()).collect();
-        assert!(codes.contains(&"structure_leaves_nothing") && !codes.contains(&"hardly_optimal"), "{codes:?}");
-        assert_eq!(optimality["probability"], 0.0);
-    } else {
-        panic!("{optimality}");
-    }
+    assert_eq!((&optimality["unknowns"], &optimality["probability"]), (&json!(0), &json!(0.0)), "{optimality}");
+    let codes: Vec<&str> = report.warnings.iter().map(|w| w.code.as_str()).collect();
+    assert!(codes.contains(&"structure_leaves_nothing") && !codes.contains(&"hardly_optimal"), "{codes:?}");
+    assert!(optimality["nearest"]["p_value"].is_number() && optimality["trajectory_shares"].is_object());
 }
 
 /// `x' = x + u` with K ~ N(k, 0.1²): optimal for a cost where K > 2, with Q/R = K(K − 2).
