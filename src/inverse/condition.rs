@@ -1,6 +1,5 @@
 //! The best conditioned weights (Priess 2015, eq. (3.11)–(3.13)).
 
-use super::gains::Gains;
 use super::space::Space;
 use super::structure::QSign;
 use crate::convex::lmi::{self, Block, LmiError, Problem};
@@ -18,8 +17,8 @@ const FREE: f64 = 1e-6;
 const FACE_GAP: f64 = 1e-8;
 /// Relative duality gap of the width.
 const WIDTH_GAP: f64 = 1e-5;
-/// Optimal sets of a higher dimension are not measured.
-const MAX_FACE: usize = 12;
+/// In optimal sets of a higher dimension no point is chosen, and they are not measured.
+const MAX_FACE: usize = 24;
 
 /// Weights `Q/s²` and R with the least condition number of blkdiag(Q, R).
 #[derive(Debug, Clone)]
@@ -32,8 +31,9 @@ pub(super) struct Conditioned {
     pub lower_bound: f64,
     /// Dimension of the set of weights with the same α.
     pub face: usize,
-    /// Largest change of a diagonal weight within that set, as a share of the weight.
-    pub width: f64,
+    /// Largest change of a diagonal weight within that set, as a share of the weight; `None` where the set is too large to be measured, and
+    /// the weights are then any of it.
+    pub width: Option<f64>,
 }
 
 /// Why there are none.
@@ -47,17 +47,16 @@ pub(super) enum ConditionError {
 
 /// `min a` with `Q' ⪰ ℓ_Q I`, `R ⪰ ℓ_R I`, `Q' ⪯ a u_Q I`, `R ⪯ a u_R I` from a point with definite weights.
 pub(super) fn best_conditioned(
-    gains: &Gains,
     space: &Space,
     start: &DVector<f64>,
     q_sign: QSign,
     ctl: &Ctl,
 ) -> Result<Conditioned, ConditionError> {
     let s2 = space.scale * space.scale;
-    let (n, m) = (gains.states(), gains.ports());
     // Q = s²Q' ⪰ I reads Q' ⪰ I/s².
     let (least_q, least_r) = (1.0 / s2, 1.0);
     let (q0, r0) = space.at(start);
+    let (q0, weighed) = (space.weighed(&q0), space.weighed_terms());
     let range = |w: &DMatrix<f64>| {
         let values = w.symmetric_eigenvalues();
         (values.min(), values.max())
@@ -76,9 +75,9 @@ pub(super) fn best_conditioned(
     };
     let (size_q, size_r) = (factor * high_q, factor * high_r);
     let blocks = vec![
-        block(&space.q, size_q, -floor_q, 1.0, 0.0),
+        block(&weighed, size_q, -floor_q, 1.0, 0.0),
         block(&space.r, size_r, -least_r, 1.0, 0.0),
-        block(&space.q, size_q, 0.0, -1.0, a0 / s2),
+        block(&weighed, size_q, 0.0, -1.0, a0 / s2),
         block(&space.r, size_r, 0.0, -1.0, a0),
     ];
     let mut cost = DVector::zeros(unknowns);
@@ -93,13 +92,15 @@ pub(super) fn best_conditioned(
     let hidden = solution.dual_residual * (1.0 + solution.z.norm()) * 4.0;
     let lower_bound = ((solution.dual_objective - hidden) * a0).max(1.0);
     let mut found =
-        Conditioned { z: solution.z.rows(0, space.len()) * factor, alpha, lower_bound, face: 0, width: 0.0 };
+        Conditioned { z: solution.z.rows(0, space.len()) * factor, alpha, lower_bound, face: 0, width: Some(0.0) };
     let free = free_directions(&problem, &solution)?;
     found.face = free.ncols();
-    if (1..=MAX_FACE).contains(&free.ncols()) && free.ncols() <= n + m {
+    if free.ncols() > MAX_FACE {
+        found.width = None;
+    } else if free.ncols() > 0 {
         let face = Face { problem: &problem, solution: &solution, free: &free };
         let chosen = face.least_norm(space, ctl)?;
-        found.width = face.width(space, &chosen, ctl)?;
+        found.width = Some(face.width(space, &chosen, ctl)?);
         found.z = chosen.rows(0, space.len()) * factor;
     }
     Ok(found)

@@ -9,7 +9,7 @@ use num_complex::Complex64;
 /// States at most.
 pub const MAX_STATES: usize = 64;
 /// Entries of larger magnitude would overflow in products of a few matrices.
-const LARGEST_ENTRY: f64 = 1e60;
+pub const LARGEST_ENTRY: f64 = 1e60;
 
 /// Whose letters a message uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -101,11 +101,16 @@ pub enum GainsError {
     },
     /// An entry is not finite, or so large that products overflow.
     #[error(
-        "{matrix} has the entry {value:e} at row {row}, column {column} (counted from 0); magnitudes up to {LARGEST_ENTRY:e} are taken"
+        "{matrix} ({rows}x{columns}) has the entry {value:e} at row {row}, column {column} (counted from 0); magnitudes up to {LARGEST_ENTRY:e} are \
+         taken"
     )]
     Entry {
         /// The letter.
         matrix: &'static str,
+        /// Its rows.
+        rows: usize,
+        /// Its columns.
+        columns: usize,
         /// Row, from 0.
         row: usize,
         /// Column, from 0.
@@ -114,24 +119,38 @@ pub enum GainsError {
         value: f64,
     },
     /// The gain is zero.
-    #[error("{matrix} is zero: it would be optimal only for a cost that ignores the states")]
+    #[error("{matrix} ({rows}x{columns}) is zero: it would be optimal only for a cost that ignores the states")]
     ZeroGain {
         /// The letter of the gain.
         matrix: &'static str,
+        /// Its rows.
+        rows: usize,
+        /// Its columns.
+        columns: usize,
     },
     /// The closed loop does not decay.
-    #[error("{product} is not stable: it has the eigenvalue {pole}")]
+    #[error("{product} ({states}x{states}) is not stable: it has the eigenvalue {pole}")]
     UnstableLoop {
         /// `A − BK` or `A − LC`.
         product: &'static str,
+        /// Its rows and columns.
+        states: usize,
         /// The eigenvalue that is worst.
         pole: Complex64,
     },
     /// A mode that no input reaches, or no output sees.
-    #[error("(A, {matrix}) is not {property}: {miss} the mode {mode}")]
+    #[error(
+        "(A, {matrix}) with A {states}x{states} and {matrix} {rows}x{columns} is not {property}: {miss} the mode {mode}"
+    )]
     Unreachable {
         /// `B` or `C`.
         matrix: &'static str,
+        /// Rows and columns of A.
+        states: usize,
+        /// Rows of B or C.
+        rows: usize,
+        /// Columns of B or C.
+        columns: usize,
         /// `controllable` or `observable`.
         property: &'static str,
         /// `no input reaches` or `no output sees`.
@@ -171,38 +190,43 @@ impl Gains {
         clock: Clock,
         role: Role,
     ) -> Result<Self, GainsError> {
+        // As they are written: a filter's are transposed here.
+        let written =
+            |(rows, columns): (usize, usize)| if role == Role::Filter { (columns, rows) } else { (rows, columns) };
         for (matrix, value) in [("A", &a), (role.input(), &b), (role.gain(), &k)] {
+            let (rows, columns) = written(value.shape());
             for i in 0..value.nrows() {
                 for j in 0..value.ncols() {
                     let entry = value[(i, j)];
                     if entry.is_nan() || entry.abs() > LARGEST_ENTRY {
-                        let (row, column) = if role == Role::Regulator { (i, j) } else { (j, i) };
-                        return Err(GainsError::Entry { matrix, row, column, value: entry });
+                        let (row, column) = written((i, j));
+                        return Err(GainsError::Entry { matrix, rows, columns, row, column, value: entry });
                     }
                 }
             }
         }
         if k.norm() < LARGEST_ENTRY.recip() {
-            return Err(GainsError::ZeroGain { matrix: role.gain() });
+            let (rows, columns) = written(k.shape());
+            return Err(GainsError::ZeroGain { matrix: role.gain(), rows, columns });
         }
         structural::check_controllable(&a, &b).map_err(|error| match error {
             StructuralError::NoConvergence(e) => e.into(),
             StructuralError::NotControllable(mode)
             | StructuralError::NotStabilisable(mode)
             | StructuralError::NotDetectable(mode)
-            | StructuralError::UnseenBoundaryMode(mode) => match role {
-                Role::Regulator => {
-                    GainsError::Unreachable { matrix: "B", property: "controllable", miss: "no input reaches", mode }
-                }
-                Role::Filter => {
-                    GainsError::Unreachable { matrix: "C", property: "observable", miss: "no output sees", mode }
-                }
-            },
+            | StructuralError::UnseenBoundaryMode(mode) => {
+                let (property, miss) = match role {
+                    Role::Regulator => ("controllable", "no input reaches"),
+                    Role::Filter => ("observable", "no output sees"),
+                };
+                let (rows, columns) = written(b.shape());
+                GainsError::Unreachable { matrix: role.input(), states: a.nrows(), rows, columns, property, miss, mode }
+            }
         })?;
         let poles = linalg::eigenvalues(&(&a - &b * &k))?;
         let worst = poles.iter().copied().min_by(|x, y| clock.margin(*x).total_cmp(&clock.margin(*y)));
         if let Some(pole) = worst.filter(|pole| clock.margin(*pole) <= 0.0) {
-            return Err(GainsError::UnstableLoop { product: role.product(), pole });
+            return Err(GainsError::UnstableLoop { product: role.product(), states: a.nrows(), pole });
         }
         Ok(Self { a, b, k, clock, role, poles })
     }

@@ -1,5 +1,6 @@
 //! The inverse regulator problem (Priess 2015, §3.2), decided and proven.
 
+use super::balance::balanced;
 use super::condition::{self, ConditionError};
 use super::fit::{Objective, refine};
 use super::gains::Gains;
@@ -50,8 +51,9 @@ pub struct Conditioning {
     pub alpha_lower_bound: f64,
     /// Dimension of the set of weights that attain α; the one of least Frobenius norm is given.
     pub solution_dimension: usize,
-    /// Largest range of a diagonal weight within that set, as a share of the weight.
-    pub solution_width: f64,
+    /// Largest range of a diagonal weight within that set, as a share of the weight; `None` where the dimension is too high for that to be
+    /// measured, and the weights are then any of the set.
+    pub solution_width: Option<f64>,
 }
 
 /// The answer.
@@ -61,7 +63,8 @@ pub struct InverseLqr {
     pub verdict: Verdict,
     /// `max t` with `Q ⪰ tI`, `R ⪰ tI`, `tr Q + tr R = n + m`, in the units of the plant; `None` where no weights have a positive trace.
     pub t_star: Option<f64>,
-    /// The same with Q divided by s², its natural size for R of size 1 (about ‖K‖²): the better conditioned of the two.
+    /// The same with Q divided by s², its natural size for R of size 1 (about ‖K‖²): the better conditioned of the two. Where it is small, in
+    /// units of the states in which plant and gain are of one size, if it is larger there.
     pub t_star_scaled: Option<f64>,
     /// No larger margin exists in the units that decided, by the dual certificate: negative where the verdict is infeasible.
     pub t_star_upper_bound: Option<f64>,
@@ -142,7 +145,7 @@ impl From<ConditionError> for InverseError {
 pub fn inverse_lqr(gains: &Gains, settings: &Settings, ctl: &Ctl) -> Result<InverseLqr, InverseError> {
     settings.structure.check(gains.states(), gains.ports())?;
     ctl.check()?;
-    let space = Space::new(gains, &settings.structure)?;
+    let mut space = Space::new(gains, &settings.structure)?;
     let mut answer = InverseLqr {
         verdict: Verdict::Infeasible,
         t_star: None,
@@ -153,22 +156,35 @@ pub fn inverse_lqr(gains: &Gains, settings: &Settings, ctl: &Ctl) -> Result<Inve
         conditioning: None,
         best_conditioned: false,
     };
-    let s2 = space.scale * space.scale;
     if space.len() == 0 {
         return Ok(answer);
     }
-    answer.t_star =
-        margin(gains, &space, &Units::uniform(gains, space.scale), ctl)?.filter(|m| m.solved).map(|m| m.t_star);
-    let Some(mut decisive) = margin(gains, &space, &Units::uniform(gains, 1.0), ctl)? else { return Ok(answer) };
+    answer.t_star = margin(&space, &Units::uniform(&space, space.scale), ctl)?.filter(|m| m.solved).map(|m| m.t_star);
+    let Some(mut decisive) = margin(&space, &Units::uniform(&space, 1.0), ctl)? else { return Ok(answer) };
     answer.t_star_scaled = Some(decisive.t_star);
-    // The sign of the margin does not depend on the units, its size does: where it decides nothing, units in which the weights found so
-    // far have a diagonal of ones may show it.
+    // The sign of the margin does not depend on the units, its size does: where it decides nothing, other units may show it. First those of
+    // the states in which plant and gain are of one size, then those in which the weights found so far have a diagonal of ones.
+    if decisive.t_star.abs() <= CLEAR || !decisive.solved {
+        let (balanced, d) = balanced(gains);
+        if d.iter().any(|v| *v != 1.0) {
+            let other = Space::new(&balanced, &settings.structure)?.in_states(&d);
+            let found = if other.len() == 0 { None } else { margin(&other, &Units::of_states(&other, &d), ctl)? };
+            if let Some(found) =
+                found.filter(|m| m.solved && (m.t_star.abs() > decisive.t_star.abs() || !decisive.solved))
+            {
+                (space, decisive) = (other, found);
+                answer.unknowns = space.len();
+                answer.t_star_scaled = Some(decisive.t_star);
+            }
+        }
+    }
+    let s2 = space.scale * space.scale;
     for _ in 0..REBALANCES {
         if decisive.t_star.abs() > CLEAR && decisive.solved {
             break;
         }
         let (q, r) = space.at(&decisive.z);
-        let Some(other) = margin(gains, &space, &Units::balancing(&q, &r), ctl)? else { break };
+        let Some(other) = margin(&space, &Units::balancing(&space.weighed(&q), &r), ctl)? else { break };
         if other.solved && (other.t_star.abs() > decisive.t_star.abs() || !decisive.solved) {
             decisive = other;
         } else {
@@ -184,14 +200,14 @@ pub fn inverse_lqr(gains: &Gains, settings: &Settings, ctl: &Ctl) -> Result<Inve
         Verdict::Infeasible => {}
         Verdict::Boundary => answer.weights = boundary_weights(gains, settings, &space, &decisive),
         Verdict::Feasible => {
-            let found = condition::best_conditioned(gains, &space, &decisive.z, settings.structure.q_sign, ctl)?;
+            let found = condition::best_conditioned(&space, &decisive.z, settings.structure.q_sign, ctl)?;
             // The best conditioned weights; where rounding keeps those from returning the gain, the ones of the largest margin.
             let mut closest = f64::INFINITY;
             for (z, is_best) in [(&found.z, true), (&decisive.z, false)] {
                 let (q, r) = space.at(z);
                 let (mut q, mut r) = (symmetric(&(q * s2)), symmetric(&r));
                 if !is_best {
-                    let least = q.symmetric_eigenvalues().min().min(r.symmetric_eigenvalues().min());
+                    let least = space.weighed(&q).symmetric_eigenvalues().min().min(r.symmetric_eigenvalues().min());
                     q /= least;
                     r /= least;
                 }
@@ -232,8 +248,7 @@ fn proven(
     let mut best = attempt(q.clone(), r.clone());
     if error_of(&best) > REFINE {
         let objective = Objective::new(gains, None);
-        let directions = settings.structure.directions(gains.states(), gains.ports());
-        if let Some((q, r)) = refine(&objective, &directions, &q, &r, ctl)? {
+        if let Some((q, r)) = refine(&objective, &settings.structure, &q, &r, ctl)? {
             let refined = attempt(q, r);
             if error_of(&refined) < error_of(&best) {
                 best = refined;

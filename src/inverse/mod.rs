@@ -10,6 +10,7 @@
 //! feasibility is a question of cones alone.
 #![allow(non_snake_case)]
 
+mod balance;
 mod condition;
 pub mod estimator;
 pub mod fit;
@@ -25,4 +26,4 @@ pub use gains::{Gains, GainsError, Role};
 pub use lqr::{InverseLqr, Settings, inverse_lqr};
 pub use proof::{Proof, ReturnDifference};
 pub use structure::{QSign, Structure, StructureError};
-pub use verdict::Verdict;
+pub use verdict::{UNDECIDED, Verdict};

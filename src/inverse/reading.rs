@@ -45,7 +45,10 @@ pub struct Shares {
     pub inputs: Vec<f64>,
 }
 
-fn shares(q: &DMatrix<f64>, r: &DMatrix<f64>, x: &DMatrix<f64>, u: &DMatrix<f64>) -> Option<Shares> {
+/// Shares of a cost where the states have the second moments X (`∫ xxᵀ`, n×n) and the inputs U (m×m), up to a common factor. `None` where the
+/// cost is zero.
+#[must_use]
+pub fn shares(q: &DMatrix<f64>, r: &DMatrix<f64>, x: &DMatrix<f64>, u: &DMatrix<f64>) -> Option<Shares> {
     let states: Vec<f64> = (q * x).diagonal().iter().copied().collect();
     let inputs: Vec<f64> = (r * u).diagonal().iter().copied().collect();
     let total: f64 = states.iter().chain(&inputs).sum();
@@ -81,13 +84,33 @@ pub fn stationary_shares(
     w: &DMatrix<f64>,
     clock: Clock,
 ) -> Result<Option<Shares>, LinearEquationError> {
-    let x = Lyapunov::new(closed, clock)?.solve_adjoint(w);
+    let x = stationary_covariance(closed, w, clock)?;
     let u = k * &x * k.transpose();
     Ok(shares(q, r, &x, &u))
 }
 
+/// The covariance of the states in the steady state of u = −Kx, or along anything else that drives A − BK: X with
+/// `(A − BK)X + X(A − BK)ᵀ + W = 0` (`(A − BK)X(A − BK)ᵀ − X + W = 0`), n×n.
+///
+/// # Errors
+/// [`LinearEquationError`] where A − BK has no Lyapunov equation.
+pub fn stationary_covariance(
+    closed: &DMatrix<f64>,
+    w: &DMatrix<f64>,
+    clock: Clock,
+) -> Result<DMatrix<f64>, LinearEquationError> {
+    Ok(Lyapunov::new(closed, clock)?.solve_adjoint(w))
+}
+
+/// The principal axes of `DQD` with D the sizes of the states: what is paid for motions as large as they are. Those of Q itself compare a
+/// radian with a radian per second, and turn with the units.
+#[must_use]
+pub fn sized_axes(q: &DMatrix<f64>, sizes: &[f64]) -> Vec<Axis> {
+    axes(&DMatrix::from_fn(q.nrows(), q.ncols(), |i, j| q[(i, j)] * sizes[i] * sizes[j]))
+}
+
 /// How alike two costs are, whatever their scales.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
     /// The factor on the second cost that brings it nearest to the first (least squares).
     pub scale: f64,
@@ -96,6 +119,14 @@ pub struct Comparison {
     /// The spread of the logarithms of the eigenvalues of `C₁⁻¹C₂` around their mean, as a root mean square: 0 for equal costs, whatever
     /// the units of states and inputs. `None` where a cost is singular.
     pub log_distance: Option<f64>,
+    /// The factor on the second cost that brings the eigenvalues of `C₁⁻¹C₂` to a geometric mean of 1, whatever the units; `None` where a cost
+    /// is singular.
+    pub log_scale: Option<f64>,
+    /// For every state its diagonal weight in the first cost over that in the second, brought to one scale by `log_scale`, or by `scale` where
+    /// there is none; `None` where the second has no weight there.
+    pub state_ratios: Vec<Option<f64>>,
+    /// The same for every input.
+    pub input_ratios: Vec<Option<f64>>,
 }
 
 /// Compares blkdiag(Q₁, R₁) with blkdiag(Q₂, R₂).
@@ -113,12 +144,26 @@ pub fn compare(first: (&DMatrix<f64>, &DMatrix<f64>), second: (&DMatrix<f64>, &D
         let values = whole.symmetric_eigenvalues();
         values.iter().all(|v| *v > 0.0).then(|| values.iter().map(|v| v.ln()).collect())
     };
-    let log_distance = logs(first.0, second.0).zip(logs(first.1, second.1)).map(|(q, r)| {
+    let spread = logs(first.0, second.0).zip(logs(first.1, second.1)).map(|(q, r)| {
         let all = DVector::from_vec([q, r].concat());
         let mean = all.mean();
-        (all.map(|v| (v - mean).powi(2)).mean()).sqrt()
+        ((-mean).exp(), all.map(|v| (v - mean).powi(2)).mean().sqrt())
     });
-    Comparison { scale: both / two, similarity: both / (one * two).sqrt(), log_distance }
+    let (log_scale, log_distance) = spread.unzip();
+    let scale = both / two;
+    let common = log_scale.unwrap_or(scale);
+    let ratios = |x: &DMatrix<f64>, y: &DMatrix<f64>| {
+        let ratio = |i: usize| Some(x[(i, i)] / (common * y[(i, i)])).filter(|v: &f64| v.is_finite());
+        (0..x.nrows()).map(ratio).collect()
+    };
+    Comparison {
+        scale,
+        similarity: both / (one * two).sqrt(),
+        log_distance,
+        log_scale,
+        state_ratios: ratios(first.0, second.0),
+        input_ratios: ratios(first.1, second.1),
+    }
 }
 
 /// The weights on the scale on which R has the mean eigenvalue 1, and the factor that brings them there.

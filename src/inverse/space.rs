@@ -29,6 +29,8 @@ pub(super) struct Space {
     pub q: Vec<DMatrix<f64>>,
     /// R_i.
     pub r: Vec<DMatrix<f64>>,
+    /// The states that the structure lets Q weigh, where it forbids some: Q is zero elsewhere, and its sign is asked of these alone.
+    support: Option<Vec<usize>>,
 }
 
 impl Space {
@@ -63,12 +65,35 @@ impl Space {
         let matrices = |offset: usize, rows: usize, order: usize| {
             basis.column_iter().map(|c| smat(c.rows(offset, rows).clone_owned().as_slice(), order)).collect()
         };
-        Ok(Self { scale, q: matrices(0, nq, n), r: matrices(nq, nr, m) })
+        Ok(Self { scale, q: matrices(0, nq, n), r: matrices(nq, nr, m), support: structure.support() })
+    }
+
+    /// The subspace of gains in the states `x' = D⁻¹x` as one of the gains in x: `Q = D⁻¹Q'D⁻¹`. The pairs are then orthonormal in x' alone.
+    pub fn in_states(mut self, d: &DVector<f64>) -> Self {
+        for q in &mut self.q {
+            *q = DMatrix::from_fn(q.nrows(), q.ncols(), |i, j| q[(i, j)] / (d[i] * d[j]));
+        }
+        self
     }
 
     /// The number of unknowns.
     pub fn len(&self) -> usize {
         self.q.len()
+    }
+
+    /// The states that Q may weigh, in order.
+    pub fn weighed_states(&self) -> Vec<usize> {
+        self.support.clone().unwrap_or_else(|| (0..self.q.first().map_or(0, DMatrix::nrows)).collect())
+    }
+
+    /// The rows and columns of Q that the structure lets be other than zero.
+    pub fn weighed(&self, q: &DMatrix<f64>) -> DMatrix<f64> {
+        self.support.as_ref().map_or_else(|| q.clone(), |kept| q.select_rows(kept).select_columns(kept))
+    }
+
+    /// The Q_i in these rows and columns.
+    pub fn weighed_terms(&self) -> Vec<DMatrix<f64>> {
+        self.q.iter().map(|q| self.weighed(q)).collect()
     }
 
     /// Q/s² and R at a point.

@@ -1,5 +1,6 @@
 //! What is known of the weights beforehand.
 
+use super::gains::LARGEST_ENTRY;
 use crate::control::lyapunov::symmetric;
 use nalgebra::DMatrix;
 
@@ -16,7 +17,7 @@ pub enum QSign {
 /// Restrictions on the weights; none by default.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Structure {
-    /// Entries of Q that may differ from zero, n×n and symmetric; all where there is none.
+    /// Entries of Q that may differ from zero, n×n and symmetric; all where there is none. A semidefinite Q may leave out states altogether.
     pub q_pattern: Option<DMatrix<bool>>,
     /// Entries of R that may differ from zero, m×m and symmetric.
     pub r_pattern: Option<DMatrix<bool>>,
@@ -60,12 +61,34 @@ pub enum StructureError {
         index: usize,
     },
     /// The fixed R is not positive definite.
-    #[error("the fixed R is not positive definite: its least eigenvalue is {least:e}")]
+    #[error("the fixed R ({order}x{order}) is not positive definite: its least eigenvalue is {least:e}")]
     NotDefinite {
+        /// Its rows and columns.
+        order: usize,
         /// Its least eigenvalue.
         least: f64,
     },
-    /// The fixed R has an entry outside of the pattern of R.
+    /// The fixed R has an entry that is not finite, or so large that products overflow.
+    #[error(
+        "the fixed R ({order}x{order}) has the entry {value:e} at row {row}, column {column} (counted from 0); magnitudes up to {LARGEST_ENTRY:e} are taken"
+    )]
+    Entry {
+        /// Its rows and columns.
+        order: usize,
+        /// Row, from 0.
+        row: usize,
+        /// Column, from 0.
+        column: usize,
+        /// The entry.
+        value: f64,
+    },
+    /// The pattern of Q leaves out every state.
+    #[error("the pattern of Q ({order}x{order}) forbids every diagonal entry: no state would be weighed")]
+    NothingWeighed {
+        /// Its rows and columns.
+        order: usize,
+    },
+    /// Both a fixed R and a pattern of R.
     #[error("the fixed R and a pattern of R are given together")]
     Both,
 }
@@ -75,6 +98,23 @@ impl Structure {
     #[must_use]
     pub fn diagonal_q(n: usize) -> Self {
         Self { q_pattern: Some(DMatrix::from_fn(n, n, |i, j| i == j)), ..Self::default() }
+    }
+
+    /// The states that Q may weigh, where its pattern forbids the others their diagonal entry, and so their rows and columns.
+    pub(super) fn support(&self) -> Option<Vec<usize>> {
+        let pattern = self.q_pattern.as_ref()?;
+        let kept: Vec<usize> = (0..pattern.nrows()).filter(|i| pattern[(*i, *i)]).collect();
+        (kept.len() < pattern.nrows()).then_some(kept)
+    }
+
+    /// The fixed R with entries up to 1: only its shape is given, and its square must not overflow.
+    fn fixed(&self) -> Option<DMatrix<f64>> {
+        self.r.as_ref().map(|r| symmetric(&(r / r.amax().max(f64::MIN_POSITIVE))))
+    }
+
+    /// Whether an entry of Q may differ from zero: of a state that is not weighed none may, since Q is semidefinite.
+    fn allows(&self, i: usize, j: usize) -> bool {
+        self.q_pattern.as_ref().is_none_or(|p| p[(i, j)] && p[(i, i)] && p[(j, j)])
     }
 
     /// Whether nothing is restricted but the sign.
@@ -109,6 +149,9 @@ impl Structure {
                 }
             }
         }
+        if self.support().is_some_and(|kept| kept.is_empty()) {
+            return Err(StructureError::NothingWeighed { order: n });
+        }
         if let Some(r) = &self.r {
             if self.r_pattern.is_some() {
                 return Err(StructureError::Both);
@@ -116,13 +159,19 @@ impl Structure {
             size("the fixed R", r.shape(), m)?;
             let largest = r.amax();
             for row in 0..m {
+                if let Some(column) = (0..m).find(|c| r[(row, *c)].is_nan() || r[(row, *c)].abs() > LARGEST_ENTRY) {
+                    return Err(StructureError::Entry { order: m, row, column, value: r[(row, column)] });
+                }
                 let same = |column: &usize| (r[(row, *column)] - r[(*column, row)]).abs() <= 1e-10 * largest;
                 if let Some(column) = (0..=row).find(|column| !same(column)) {
                     return Err(StructureError::NotSymmetric { matrix: "the fixed R", row, column });
                 }
             }
-            if symmetric(r).cholesky().is_none() {
-                return Err(StructureError::NotDefinite { least: symmetric(r).symmetric_eigenvalues().min() });
+            if self.fixed().is_none_or(|r| r.cholesky().is_none()) {
+                return Err(StructureError::NotDefinite {
+                    order: m,
+                    least: symmetric(r).symmetric_eigenvalues().min(),
+                });
             }
         }
         Ok(())
@@ -131,6 +180,7 @@ impl Structure {
     /// Unit directions in (Q, R) along which structured weights may not move, as pairs of symmetric matrices.
     pub(super) fn forbidden(&self, n: usize, m: usize) -> Vec<(DMatrix<f64>, DMatrix<f64>)> {
         let mut all = Vec::new();
+        let fixed = self.fixed();
         let unit = |order: usize, i: usize, j: usize| {
             let mut e = DMatrix::zeros(order, order);
             let size = if i == j { 1.0 } else { 0.5_f64.sqrt() };
@@ -140,7 +190,7 @@ impl Structure {
         };
         for j in 0..n {
             for i in 0..=j {
-                if self.q_pattern.as_ref().is_some_and(|p| !p[(i, j)]) {
+                if !self.allows(i, j) {
                     all.push((unit(n, i, j), DMatrix::zeros(m, m)));
                 }
             }
@@ -149,7 +199,7 @@ impl Structure {
             for i in 0..=j {
                 if self.r_pattern.as_ref().is_some_and(|p| !p[(i, j)]) {
                     all.push((DMatrix::zeros(n, n), unit(m, i, j)));
-                } else if let Some(r) = &self.r {
+                } else if let Some(r) = &fixed {
                     // Orthogonal to the fixed R: not unit any more, which does not matter.
                     let e = unit(m, i, j);
                     let rest = &e - r * (e.dot(r) / r.norm_squared());
@@ -171,13 +221,13 @@ impl Structure {
         };
         for j in 0..n {
             for i in 0..=j {
-                if self.q_pattern.as_ref().is_none_or(|p| p[(i, j)]) {
+                if self.allows(i, j) {
                     all.push((unit(n, i, j), DMatrix::zeros(m, m)));
                 }
             }
         }
-        if let Some(r) = &self.r {
-            all.push((DMatrix::zeros(n, n), symmetric(r)));
+        if let Some(r) = self.fixed() {
+            all.push((DMatrix::zeros(n, n), r));
             return all;
         }
         for j in 0..m {
@@ -192,17 +242,21 @@ impl Structure {
 
     /// Weights with what the structure forbids set to zero exactly.
     pub(super) fn impose(&self, q: &mut DMatrix<f64>, r: &mut DMatrix<f64>) {
-        for (pattern, weight) in [(&self.q_pattern, &mut *q), (&self.r_pattern, &mut *r)] {
-            if let Some(pattern) = pattern {
-                weight.zip_apply(pattern, |value, allowed| {
-                    if !allowed {
-                        *value = 0.0;
-                    }
-                });
+        for j in 0..q.ncols() {
+            for i in (0..q.nrows()).filter(|i| !self.allows(*i, j)) {
+                q[(i, j)] = 0.0;
             }
         }
-        if let Some(fixed) = &self.r {
-            *r = symmetric(fixed) * (r.dot(fixed) / fixed.norm_squared());
+        if let Some(pattern) = &self.r_pattern {
+            r.zip_apply(pattern, |value, allowed| {
+                if !allowed {
+                    *value = 0.0;
+                }
+            });
+        }
+        if let Some(fixed) = self.fixed() {
+            let scale = r.dot(&fixed) / fixed.norm_squared();
+            *r = fixed * scale;
         }
     }
 }

@@ -1,6 +1,5 @@
 //! Whether weights exist: the largest margin t* and its certificate.
 
-use super::gains::Gains;
 use super::space::Space;
 use crate::convex::lmi::{self, Block, LmiError, Problem, Solution, Status};
 use crate::num::Ctl;
@@ -16,7 +15,7 @@ const NO_TRACE: f64 = 1e-12;
 /// Whether a cost exists for which the gain is optimal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// Definite weights exist.
+    /// Weights exist that are definite, Q on the states that the structure lets it weigh.
     Feasible,
     /// None exist, not even semidefinite ones with a margin to spare.
     Infeasible,
@@ -48,11 +47,18 @@ pub(super) struct Units {
 
 impl Units {
     /// Of one size each.
-    pub fn uniform(gains: &Gains, q: f64) -> Self {
-        Self { q: DVector::from_element(gains.states(), q), r: DVector::from_element(gains.ports(), 1.0) }
+    pub fn uniform(space: &Space, q: f64) -> Self {
+        Self::of_states(space, &DVector::from_element(space.q.first().map_or(0, DMatrix::nrows), q))
     }
 
-    /// Such that the diagonals of these weights become 1, as far as they stand out from rounding.
+    /// D_q for each state, and the units of the inputs as they are.
+    pub fn of_states(space: &Space, d: &DVector<f64>) -> Self {
+        let weighed = space.weighed_states();
+        let ports = space.r.first().map_or(0, DMatrix::nrows);
+        Self { q: DVector::from_fn(weighed.len(), |i, _| d[weighed[i]]), r: DVector::from_element(ports, 1.0) }
+    }
+
+    /// Such that the diagonals of these weights (Q where it is weighed) become 1, as far as they stand out from rounding.
     pub fn balancing(q: &DMatrix<f64>, r: &DMatrix<f64>) -> Self {
         let largest = q.diagonal().amax().max(r.diagonal().amax()).max(f64::MIN_POSITIVE);
         let unit = |m: &DMatrix<f64>| m.diagonal().map(|v| v.abs().max(ROUNDING * largest).sqrt().recip());
@@ -65,13 +71,12 @@ impl Units {
 ///
 /// # Errors
 /// [`LmiError`] when stopped.
-pub(super) fn margin(gains: &Gains, space: &Space, units: &Units, ctl: &Ctl) -> Result<Option<Margin>, LmiError> {
-    let (n, m) = (gains.states(), gains.ports());
-    let total = (n + m) as f64;
+pub(super) fn margin(space: &Space, units: &Units, ctl: &Ctl) -> Result<Option<Margin>, LmiError> {
+    let total = (units.q.len() + units.r.len()) as f64;
     let congruent = |terms: &[DMatrix<f64>], d: &DVector<f64>| -> Vec<DMatrix<f64>> {
         terms.iter().map(|t| DMatrix::from_fn(d.len(), d.len(), |i, j| t[(i, j)] * d[i] * d[j])).collect()
     };
-    let (q, r) = (congruent(&space.q, &units.q), congruent(&space.r, &units.r));
+    let (q, r) = (congruent(&space.weighed_terms(), &units.q), congruent(&space.r, &units.r));
     let traces = DVector::from_fn(space.len(), |i, _| q[i].trace() + r[i].trace());
     let sizes = DVector::from_fn(space.len(), |i, _| q[i].norm() + r[i].norm());
     // Directions of one size each: what is small in these units is not lost behind what is large.

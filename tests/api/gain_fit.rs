@@ -47,6 +47,30 @@ fn people(trials: usize, seed: u64) -> (Vec<Value>, DMatrix<f64>) {
     (trials, k)
 }
 
+/// Shares of the true cost along the noise-free trajectories of the trials.
+fn true_shares(trials: &Value, k: &DMatrix<f64>) -> Vec<f64> {
+    let structure = Structure { delay_order: 0, muscle_lag: false, ..Structure::default() };
+    let plant = SeatedBalance::new(structure, Values::table_5_1(), Vec::new()).unwrap();
+    let plant = PlantModel::plant::<f64>(&plant, &[]);
+    let closed = &plant.a - &plant.b * k;
+    let n = closed.nrows();
+    let (c, d) = (DMatrix::identity(n, n), DMatrix::zeros(n, 1));
+    let model = StateSpace::new(closed, plant.e.clone(), c, d, Continuous).unwrap();
+    let model =
+        Realisation { model, initial: nalgebra::DVector::zeros(n) }.sampled(Discrete::new(0.1).unwrap()).unwrap();
+    let mut paid = vec![0.0; n + 1];
+    for trial in trials.as_array().unwrap() {
+        let input: Vec<f64> = serde_json::from_value(trial["input"].clone()).unwrap();
+        let x = model.respond(&DMatrix::from_column_slice(input.len(), 1, &input)).unwrap();
+        for (i, cost) in paid.iter_mut().take(n).enumerate() {
+            *cost += WEIGHT * x.column(i).norm_squared();
+        }
+        paid[n] += (&x * k.transpose()).norm_squared();
+    }
+    let total: f64 = paid.iter().sum();
+    paid.iter().map(|v| v / total).collect()
+}
+
 async fn report(server: &TestServer, request: &Value) -> Value {
     let queued = server.post("/v1/analyses", request).await;
     assert_eq!(queued.json(202)["status"], "queued");
@@ -100,6 +124,20 @@ async fn trials_go_in_and_the_cost_used_comes_out_with_an_interval_that_covers_i
         let [low, high] = ["lower", "upper"].map(|end| number(&optimality["q"][end][i][i]));
         assert!(low < WEIGHT && WEIGHT < high, "Q{i}{i}: {low} to {high}");
     }
+    // What the person paid for along their own trials: each share sums to one, and the lower angle and the torque are what the cost is made of.
+    assert_eq!(optimality["trial_shares"].as_array().unwrap().len(), 4);
+    let sum = |shares: &Value| -> f64 {
+        ["states", "ports"].iter().flat_map(|part| shares[part].as_array().unwrap()).map(number).sum()
+    };
+    let truth = true_shares(&request["inputs"]["trials"], &k);
+    for shares in optimality["trial_shares"].as_array().unwrap().iter().chain([&optimality["trajectory_shares"]]) {
+        assert!((sum(shares) - 1.0).abs() < 1e-12, "{shares}");
+    }
+    for (i, expected) in truth.iter().take(4).enumerate() {
+        let found = number(&optimality["trajectory_shares"]["states"][i]);
+        assert!((found - expected).abs() < 0.05, "{i}: {found} {truth:?}");
+    }
+    assert_eq!(result["inverse_lqr_inputs"]["state_units"], json!(["rad", "rad/s", "rad", "rad/s"]));
 
     // The same question by hand, with the gain's covariance at hand for a fit.
     let inverse = json!({

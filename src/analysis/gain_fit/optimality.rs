@@ -5,7 +5,8 @@
 //! Pearson (1934); the weights of those draws, on the scale on which R has the mean eigenvalue 1, give the intervals of Q and R.
 
 use super::spec::OptimalitySpec;
-use crate::analysis::inverse::{self, rows};
+use super::trajectory::shares_of;
+use crate::analysis::inverse::{self, SharesResult, rows};
 use crate::analysis::plan::Failure;
 use crate::control::lyapunov::Clock;
 use crate::inverse::fit::{FitSettings, fit};
@@ -80,6 +81,12 @@ pub struct OptimalityResult {
     pub r: Option<WeightInterval>,
     /// Where the estimate itself has no cost.
     pub nearest: Option<NearestOptimal>,
+    /// Shares of that cost (of the estimate, or else of the nearest optimal gain) along the trajectory of each trial, in the states of the plant and
+    /// the control that reaches it, as the fitted loop makes them: what the person paid for. Null along a trajectory that costs nothing; empty
+    /// where there is no cost.
+    pub trial_shares: Vec<Option<SharesResult>>,
+    /// Along all trials together.
+    pub trajectory_shares: Option<SharesResult>,
 }
 
 /// Feasible draws that an interval needs.
@@ -96,6 +103,8 @@ pub(super) struct Question<'a> {
     /// Of K, column by column.
     pub gain_covariance: Option<&'a DMatrix<f64>>,
     pub at: &'a At<'a>,
+    /// States and controls of every trial.
+    pub trajectories: &'a [(DMatrix<f64>, DMatrix<f64>)],
     pub clock: Clock,
     pub confidence: f64,
     pub seed: u64,
@@ -135,6 +144,8 @@ pub(super) fn ask(question: &Question<'_>, spec: &OptimalitySpec, ctl: &Ctl) -> 
         q: None,
         r: None,
         nearest: None,
+        trial_shares: Vec::new(),
+        trajectory_shares: None,
     };
     let Some((a, b, k)) = (question.at)(question.theta) else {
         result.reason = Some("the plant is not defined at the estimate".to_owned());
@@ -162,6 +173,11 @@ pub(super) fn ask(question: &Question<'_>, spec: &OptimalitySpec, ctl: &Ctl) -> 
     }
     if estimate.is_none() && result.verdict == "infeasible" {
         result.nearest = nearest(&gains, &settings, question, ctl)?;
+    }
+    let read = |rows: &[Vec<f64>]| DMatrix::from_fn(rows.len(), rows.len(), |i, j| rows[i][j]);
+    let cost = estimate.clone().or_else(|| result.nearest.as_ref().map(|near| (read(&near.q), read(&near.r))));
+    if let Some((q, r)) = cost {
+        (result.trial_shares, result.trajectory_shares) = shares_of(&q, &r, question.trajectories);
     }
     if let Some(root) = question.covariance.filter(|_| spec.draws > 0).map(square_root) {
         draw(question, &settings, &root, spec.draws, estimate, &mut result, ctl)?;

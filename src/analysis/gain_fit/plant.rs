@@ -193,6 +193,15 @@ impl WrittenPlant {
         }
     }
 
+    /// The units of the states and of the controls, where the catalogue knows them.
+    pub(super) fn units(&self) -> [Option<Vec<String>>; 2] {
+        let list = |units: &[&str]| Some(units.iter().map(|unit| (*unit).to_owned()).collect());
+        match self {
+            Self::Named(_) => [list(&["rad", "rad/s", "rad", "rad/s"]), list(&["N m"])],
+            _ => [None, None],
+        }
+    }
+
     /// The plant with these free parameters; by default all that matrices are affine in, and none of the catalogue's.
     pub(super) fn check(&self, free: Option<&[String]>) -> Result<KnownPlant, Problem> {
         match self {

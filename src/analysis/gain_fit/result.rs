@@ -85,6 +85,33 @@ pub struct InverseInputsResult {
     pub sample_time_s: Option<f64>,
     /// The names of the states.
     pub state_names: Vec<String>,
+    /// Their units, where the catalogue knows them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub state_units: Option<Vec<String>>,
+    /// The units of the controls, where the catalogue knows them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub input_units: Option<Vec<String>>,
+}
+
+/// What `inverse_lqg` takes, at the estimate; all in sampled time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct InverseLqgInputsResult {
+    /// A.
+    pub a: Vec<Vec<f64>>,
+    /// B.
+    pub b: Vec<Vec<f64>>,
+    /// C.
+    pub c: Vec<Vec<f64>>,
+    /// D.
+    pub d: Vec<Vec<f64>>,
+    /// K.
+    pub k: Vec<Vec<f64>>,
+    /// L, of the predictor.
+    pub l: Vec<Vec<f64>>,
+    /// The sample time.
+    pub sample_time_s: f64,
+    /// The names of the states.
+    pub state_names: Vec<String>,
 }
 
 /// The result of `gain_fit`.
@@ -122,6 +149,8 @@ pub struct GainFitResult {
     pub initial_states: Option<Vec<Vec<f64>>>,
     /// The question that `inverse_lqr` takes.
     pub inverse_lqr_inputs: InverseInputsResult,
+    /// The question that `inverse_lqg` takes, where the filter is estimated too.
+    pub inverse_lqg_inputs: Option<InverseLqgInputsResult>,
     /// Whether the gains are optimal for a cost, how surely, and for which.
     pub optimality: Option<OptimalityResult>,
 }

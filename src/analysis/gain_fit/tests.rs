@@ -167,3 +167,173 @@ fn the_binomial_interval_is_that_of_the_tables() {
         assert!((found[0] - expected[0]).abs() < 1e-6 && (found[1] - expected[1]).abs() < 1e-6, "{k}: {found:?}");
     }
 }
+
+/// What the observed loop says of a trial, beside the model that was fitted and the equations of the plant.
+#[test]
+fn the_trajectories_of_trials_are_those_of_the_fitted_loop() {
+    let check = |value: &Value, theta: &[f64]| {
+        let plan = parse(value).unwrap();
+        let signals = plan.inputs.signals().unwrap();
+        let assembled = plan.assemble(plan.inputs.plant().unwrap(), signals).unwrap();
+        let experiment = plan.experiment(&assembled, signals).unwrap();
+        let record = &experiment.records()[0];
+        let mut model = assembled.model.sampled(theta, assembled.time, false).unwrap().value;
+        model.initial[0] = 0.2;
+        let (x, u) = plan.observed(&assembled, theta).unwrap().along(record, Some(&model.initial)).unwrap();
+        assert_eq!((x.nrows(), x.ncols(), u.ncols()), (60, 2, 1));
+        // C is the identity: the outputs are the states.
+        let output = model.respond(&record.stimulus).unwrap();
+        assert!((&x - output).norm() < 1e-10 * x.norm(), "{value}");
+        (x, u, record.stimulus.clone())
+    };
+    let mut delayed = request();
+    delayed["spec"] = json!({"delay": {"order": 3}, "muscle_lag": {"seconds": 0.1}});
+    let (x, u, _) = check(&delayed, &[6.0, 3.0, 0.05]);
+    // Behind delay and muscle the control is what reaches the plant, not −Kx, and it starts at rest.
+    assert!(u[0] == 0.0 && (&u + &x * DVector::from_vec(vec![6.0, 3.0])).norm() > 0.1 * u.norm());
+    let (x, u, _) = check(&request(), &[6.0, 3.0]);
+    assert!((&u + &x * DVector::from_vec(vec![6.0, 3.0])).norm() < 1e-12 * u.norm());
+    let mut sampled = request();
+    sampled["inputs"]["plant"] = json!({"a": [[1, 0.05], [0.1, 1]], "b": [[0], [0.05]], "sample_time_s": 0.05});
+    let (x, u, w) = check(&sampled, &[6.0, 3.0]);
+    for k in 0..59 {
+        let next = [x[(k, 0)] + 0.05 * x[(k, 1)], 0.1 * x[(k, 0)] + x[(k, 1)] + 0.05 * (u[(k, 0)] + w[(k, 0)])];
+        assert!((0..2).all(|i| (x[(k + 1, i)] - next[i]).abs() < 1e-12));
+    }
+}
+
+#[test]
+fn a_structure_that_leaves_nothing_makes_no_probability() {
+    // Two controls and diagonal weights: four entries of K, and no unknown left for a gain that noise has moved.
+    let a = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 2.0, 0.0]);
+    let b = DMatrix::from_row_slice(2, 2, &[1.0, 0.5, 0.0, 1.0]);
+    let k = DMatrix::from_row_slice(2, 2, &[1.5, 0.9, 0.4, 3.0]);
+    let e = DMatrix::from_column_slice(2, 1, &[0.0, 1.0]);
+    let (c, d) = (DMatrix::identity(2, 2), DMatrix::zeros(2, 1));
+    let model = crate::control::StateSpace::new(&a - &b * &k, e, c, d, Continuous).unwrap();
+    let loop_of = crate::control::parametric::Realisation { model, initial: DVector::zeros(2) };
+    let push = wave(60, 1.0);
+    let response = loop_of
+        .sampled(Discrete::new(0.05).unwrap())
+        .unwrap()
+        .respond(&DMatrix::from_column_slice(60, 1, &push))
+        .unwrap();
+    let rough = |k: usize, factor: f64| 1e-3 * ((k * k) as f64 * factor).sin();
+    let output: Vec<[f64; 2]> =
+        (0..60).map(|k| [response[(k, 0)] + rough(k, 1.7), response[(k, 1)] + rough(k, 2.3)]).collect();
+    let value = json!({
+        "kind": "gain_fit",
+        "inputs": {"plant": {"a": [[0, 1], [2, 0]], "b": [[1, 0.5], [0, 1]], "e": [[0], [1]]},
+                   "trial": {"sample_time_s": 0.05, "input": push, "output": output}},
+        "spec": {"draws": 20, "climbs": 2, "optimality": {"draws": 20, "state_weight": "diagonal", "port_weight": "diagonal"}}
+    });
+    let report = parse(&value).unwrap().run(&Library::default(), &Ctl::new()).unwrap();
+    let optimality = &report.result["optimality"];
+    assert_eq!((&optimality["unknowns"], &optimality["probability"]), (&json!(0), &json!(0.0)), "{optimality}");
+    let codes: Vec<&str> = report.warnings.iter().map(|w| w.code.as_str()).collect();
+    assert!(codes.contains(&"structure_leaves_nothing") && !codes.contains(&"hardly_optimal"), "{codes:?}");
+    assert!(optimality["nearest"]["p_value"].is_number() && optimality["trajectory_shares"].is_object());
+}
+
+/// `x' = x + u` with K ~ N(k, 0.1²): optimal for a cost where K > 2, with Q/R = K(K − 2).
+#[test]
+fn the_probability_of_optimality_is_that_of_the_normal_distribution() {
+    let (variance, one) = (DMatrix::from_element(1, 1, 0.01), DMatrix::from_element(1, 1, 1.0));
+    let at = |theta: &[f64]| Some((one.clone(), one.clone(), DMatrix::from_element(1, 1, theta[0])));
+    let spec = OptimalitySpec { draws: 2000, ..OptimalitySpec::default() };
+    let ask = |k: f64| {
+        let (x, u) = (DMatrix::from_column_slice(2, 1, &[1.0, -2.0]), DMatrix::from_column_slice(2, 1, &[-k, 2.0 * k]));
+        let question = optimality::Question {
+            theta: &[k],
+            covariance: Some(&variance),
+            gain_covariance: Some(&variance),
+            at: &at,
+            trajectories: &[(x, u)],
+            clock: Clock::Continuous,
+            confidence: 0.95,
+            seed: 3,
+        };
+        optimality::ask(&question, &spec, &Ctl::new()).unwrap()
+    };
+    let found = ask(2.1);
+    assert_eq!((found.verdict.as_str(), found.draws), ("feasible", 2000));
+    // Φ(1), within four standard deviations of so many draws.
+    let probability = found.probability.unwrap();
+    assert!((probability - 0.841_345).abs() < 0.033, "{probability}");
+    let [low, high] = found.probability_interval.unwrap();
+    assert!(low < probability && probability < high && high - low < 0.04);
+    // Quantiles of K above 2: 2.00834 and 2.30326.
+    let q = found.q.unwrap();
+    assert!((q.estimate.unwrap()[0][0] - 0.21).abs() < 1e-6);
+    assert!(
+        (q.lower[0][0] - 0.01675).abs() < 0.012 && (q.upper[0][0] - 0.6984).abs() < 0.08,
+        "{:?} {:?}",
+        q.lower,
+        q.upper
+    );
+    // Along its own trajectory Qx² : Ru² = 0.21 : 2.1².
+    let shares = found.trajectory_shares.unwrap();
+    assert!(
+        (shares.states[0] - 0.21 / (0.21 + 4.41)).abs() < 1e-6
+            && (shares.states[0] + shares.ports[0] - 1.0).abs() < 1e-12
+    );
+    assert_eq!(found.trial_shares, [Some(shares)]);
+
+    // Five standard deviations below the least optimal gain, which is 2.
+    let found = ask(1.5);
+    assert_eq!((found.verdict.as_str(), found.probability, found.q.is_none()), ("infeasible", Some(0.0), true));
+    let nearest = found.nearest.unwrap();
+    assert!((nearest.k[0][0] - 2.0).abs() < 1e-5 && (nearest.distance_squared - 25.0).abs() < 1e-3, "{nearest:?}");
+    assert!((nearest.p_value / 5.733e-7 - 1.0).abs() < 0.01, "{nearest:?}");
+    assert!(found.trajectory_shares.is_some());
+}
+
+#[test]
+fn gain_and_filter_lead_to_the_whole_inverse_problem() {
+    use rand::RngExt;
+    use rand_distr::StandardNormal;
+    let m = |rows: usize, columns: usize, entries: &[f64]| DMatrix::from_row_slice(rows, columns, entries);
+    let (a, b, c) = (m(2, 2, &[1.0, 0.1, 0.15, 1.02]), m(2, 1, &[0.005, 0.1]), m(1, 2, &[1.0, 0.0]));
+    let k =
+        crate::control::lqg::lqr(&a, &b, &m(2, 2, &[4.0, 0.0, 0.0, 1.0]), &m(1, 1, &[0.3]), Clock::Sampled).unwrap().k;
+    let noise = m(2, 2, &[1e-4, 0.0, 0.0, 4e-3]);
+    let l = crate::control::lqg::kalman(&a, &c, &noise, &m(1, 1, &[1e-3]), Clock::Sampled).unwrap().l;
+    // The innovation form, with a control that shakes a little.
+    let mut stream = crate::num::rng::stream(14, "gain and filter");
+    let mut normal = |sd: f64| sd * stream.sample::<f64, _>(StandardNormal);
+    let mut x = DVector::zeros(2);
+    let (mut push, mut output, mut control) = (Vec::new(), Vec::new(), Vec::new());
+    for sample in 0..1500 {
+        let w = if (sample / 7) % 2 == 0 || (sample / 31) % 3 == 0 { 0.5 } else { -0.5 };
+        let (innovation, u) = (normal(0.05), -(&k * &x)[0] + normal(0.05));
+        push.push(w);
+        output.push(x[0] + innovation);
+        control.push(u);
+        x = &a * &x + &b * (u + w) + &l * innovation;
+    }
+    let value = json!({
+        "kind": "gain_fit",
+        "inputs": {"plant": {"a": [[1, 0.1], [0.15, 1.02]], "b": [[0.005], [0.1]], "c": [[1, 0]], "sample_time_s": 0.1},
+                   "trial": {"sample_time_s": 0.1, "input": push, "output": output, "control": control}},
+        "spec": {"estimate": "gain_and_filter", "draws": 30, "climbs": 3, "optimality": {"draws": 0}}
+    });
+    let report = parse(&value).unwrap().run(&Library::default(), &Ctl::new()).unwrap();
+    let result = &report.result;
+    assert!(report.warnings.iter().any(|w| w.code == "gain_and_filter"), "{:?}", report.warnings);
+    for (i, truth) in k.iter().chain(l.iter()).enumerate() {
+        let parameter = &result["parameters"][i];
+        let error = parameter["standard_error"].as_f64().unwrap();
+        assert!(
+            (parameter["value"].as_f64().unwrap() - truth).abs() < 4.0 * error && error < 0.3 * truth.abs(),
+            "{truth}: {parameter}"
+        );
+    }
+    assert_eq!(result["optimality"]["trial_shares"].as_array().unwrap().len(), 1);
+    let request = Request {
+        kind: "inverse_lqg".to_owned(),
+        inputs: result["inverse_lqg_inputs"].clone(),
+        spec: json!({"regulator": {"fit": null}, "filter": {"fit": null}}),
+    };
+    let whole = crate::analysis::Plan::parse(&request).unwrap().run(&Library::default(), &Ctl::new()).unwrap();
+    assert!(whole.result["regulator"]["verdict"].is_string() && whole.result["filter"]["verdict"].is_string());
+}

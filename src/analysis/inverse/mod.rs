@@ -13,28 +13,32 @@ mod inputs;
 mod problems;
 mod result;
 mod spec;
+mod units;
 
 use super::inputs::{Library, References};
 use super::kind::{Kind, Request};
 use super::plan::Failure;
 use super::problem::Problem;
 use super::report::{Report, Warning, sha256_json};
+use crate::control::structural::{StructuralError, check_detectable};
 use crate::inverse::fit::{
     CrossTerm, Descent, DescentError, DescentSettings, Fit, Objective, descent, fit, smallest_cross_term,
 };
-use crate::inverse::{Gains, InverseLqr, Role, Settings, Verdict, inverse_lqr};
+use crate::inverse::lqr::Weights;
+use crate::inverse::{Gains, InverseLqr, Role, Settings, UNDECIDED, Verdict, inverse_lqr};
 use crate::num::Ctl;
 pub use inputs::{Comparand, InverseInputs, Trajectory};
+use nalgebra::DMatrix;
 pub use result::{
-    AxisResult, ComparisonResult, CrossTermResult, DescentResult, FitPointResult, FitResult, InverseLqrResult,
-    ProofResult, ReadingResult, ReturnDifferenceResult, SharesResult,
+    AxisResult, ComparisonResult, CrossTermResult, DescentResult, EquivalentResult, FitPointResult, FitResult,
+    InverseLqrResult, ProofResult, ReadingResult, ReturnDifferenceResult, SharesResult,
 };
 use serde_json::{Map, Value, json};
 use spec::{Checked, CheckedSpecs};
 pub use spec::{DescentSpec, DescentStart, FitSpec, InverseLqgSpec, InverseSpec, PortWeight, StateWeight, WeightName};
 
 pub(in crate::analysis) use inputs::matrix;
-pub(in crate::analysis) use result::rows;
+pub(in crate::analysis) use result::{rows, shares};
 pub(in crate::analysis) use spec::structure;
 use std::collections::BTreeMap;
 
@@ -146,7 +150,7 @@ impl Plan {
             Some(wanted) => descended(gains, spec, wanted, cross_term.as_ref(), warnings, ctl)?,
         };
         ctl.advance(1);
-        warn(gains.role(), &answer, fitted.as_ref(), warnings);
+        warn(gains, &answer, fitted.as_ref(), warnings);
         Ok(InverseLqrResult::new(
             gains,
             &answer,
@@ -167,7 +171,7 @@ fn descended(
     ctl: &Ctl,
 ) -> Result<Option<Descent>, Failure> {
     let (n, m) = (gains.states(), gains.ports());
-    let identity = (nalgebra::DMatrix::identity(n, n), nalgebra::DMatrix::identity(m, m));
+    let identity = (DMatrix::identity(n, n), DMatrix::identity(m, m));
     let (q, r) = match (wanted.start, cross_term) {
         (DescentStart::CrossTerm, Some(found)) => (found.q.clone(), found.r.clone()),
         _ => identity,
@@ -211,6 +215,8 @@ fn rename(value: &mut Value) {
                         "r_axes" => "v_axes".to_owned(),
                         "normalised_q" => "normalised_w".to_owned(),
                         "normalised_r" => "normalised_v".to_owned(),
+                        "normalised_q_units" => "normalised_w_units".to_owned(),
+                        "normalised_r_units" => "normalised_v_units".to_owned(),
                         _ => name,
                     };
                     (name, value)
@@ -258,7 +264,19 @@ fn both(results: Vec<(Role, InverseLqrResult)>) -> Value {
     Value::Object(whole)
 }
 
-fn warn(role: Role, answer: &InverseLqr, fitted: Option<&Fit>, warnings: &mut Vec<Warning>) {
+/// Q as far as it is more than rounding: on the boundary its least eigenvalues are zero to the precision of the margin.
+fn seen(gains: &Gains, verdict: Verdict, weights: &Weights) -> DMatrix<f64> {
+    if verdict != Verdict::Boundary {
+        return weights.q.clone();
+    }
+    let size = weights.q.norm().max(gains.k().tr_mul(&(&weights.r * gains.k())).norm());
+    let eigen = weights.q.clone().symmetric_eigen();
+    let values = eigen.eigenvalues.map(|v| if v > UNDECIDED * size { v } else { 0.0 });
+    &eigen.eigenvectors * DMatrix::from_diagonal(&values) * eigen.eigenvectors.transpose()
+}
+
+fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, warnings: &mut Vec<Warning>) {
+    let role = gains.role();
     let half = if role == Role::Filter { "filter" } else { "regulator" };
     if answer.verdict == Verdict::Boundary {
         warnings.push(Warning::new(
@@ -266,6 +284,31 @@ fn warn(role: Role, answer: &InverseLqr, fitted: Option<&Fit>, warnings: &mut Ve
             format!(
                 "the {half}'s margin t* is zero to working precision: only singular weights may make this gain optimal, and a small \
                  change of the gain may make it infeasible"
+            ),
+        ));
+    }
+    if answer.verdict == Verdict::Infeasible && answer.t_star_scaled.is_none() {
+        warnings.push(Warning::new(
+            "structure_leaves_nothing",
+            format!(
+                "no weights of this structure satisfy the equalities for exactly the {half}'s gain, whatever their signs: with so few unknowns the \
+                 last digit of a gain decides. Read the distance of the fit, not the verdict"
+            ),
+        ));
+    }
+    if let Some(weights) = &answer.weights
+        && let Err(error) = check_detectable(gains.a(), &seen(gains, answer.verdict, weights), gains.clock())
+    {
+        let mode = match error {
+            StructuralError::NotDetectable(mode) => mode.to_string(),
+            other => other.to_string(),
+        };
+        let misses = if role == Role::Filter { "W does not drive" } else { "Q does not see" };
+        warnings.push(Warning::new(
+            "undetectable",
+            format!(
+                "the {half}'s {misses} the mode {mode} of the plant, which does not decay by itself: among all gains another one costs less, and this one is \
+                 the best of those that stabilise"
             ),
         ));
     }
@@ -290,12 +333,17 @@ fn warn(role: Role, answer: &InverseLqr, fitted: Option<&Fit>, warnings: &mut Ve
             ));
         }
         if conditioning.solution_dimension > 0 {
+            let which = conditioning.solution_width.map_or_else(
+                || "it was not measured, and the weights given are any of it".to_owned(),
+                |width| {
+                    format!("those of least Frobenius norm are given, and a diagonal weight may range over {width:.2e} of its value")
+                },
+            );
             warnings.push(Warning::new(
                 "not_unique",
                 format!(
-                    "the {half}'s weights of least condition number form a set of dimension {}; those of least Frobenius norm are given, \
-                     and a diagonal weight may range over {:.2e} of its value",
-                    conditioning.solution_dimension, conditioning.solution_width
+                    "the {half}'s weights of least condition number form a set of dimension {}; {which}",
+                    conditioning.solution_dimension
                 ),
             ));
         }

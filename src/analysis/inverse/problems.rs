@@ -20,7 +20,7 @@ pub(super) fn gains(error: &GainsError) -> Problem {
         GainsError::Entry { matrix, .. } => {
             new(Code::Invalid, "unusable entry", matrix).mend("Choose units in which the numbers are of moderate size.")
         }
-        GainsError::ZeroGain { matrix } => new(Code::Invalid, "zero gain", matrix),
+        GainsError::ZeroGain { matrix, .. } => new(Code::Invalid, "zero gain", matrix),
         GainsError::UnstableLoop { product, .. } => {
             new(Code::Invalid, "unstable closed loop", if product.contains('K') { "k" } else { "l" })
                 .mend("Only a gain that stabilises the plant can be optimal: check its sign (u = −Kx) and the plant.")
@@ -34,7 +34,19 @@ pub(super) fn gains(error: &GainsError) -> Problem {
 
 /// A structure that does not fit.
 pub(super) fn structure(error: &StructureError, at: &str) -> Problem {
-    Problem::new(Code::Invalid, "unusable structure", error.to_string()).at(at)
+    let of = |matrix: &str| match matrix {
+        "the pattern of Q" => "state_weight/pattern",
+        "the pattern of R" => "port_weight/pattern",
+        _ => "port_weight/fixed",
+    };
+    let place = match error {
+        StructureError::Size { matrix, .. }
+        | StructureError::NotSymmetric { matrix, .. }
+        | StructureError::NoDiagonal { matrix, .. } => of(matrix),
+        StructureError::NothingWeighed { .. } => "state_weight/pattern",
+        StructureError::NotDefinite { .. } | StructureError::Entry { .. } | StructureError::Both => "port_weight/fixed",
+    };
+    Problem::new(Code::Invalid, "unusable structure", error.to_string()).at(format!("{at}/{place}"))
 }
 
 pub(super) fn inverse(error: &InverseError) -> Failure {

@@ -1,6 +1,8 @@
 //! The result of an inverse problem.
 
 use super::inputs::InverseInputs;
+use super::units;
+use crate::control::lyapunov::Clock;
 use crate::inverse::fit::{CrossTerm, Descent, Fit};
 use crate::inverse::lqr::Weights;
 use crate::inverse::reading::{self, Axis, Comparison, Shares};
@@ -71,6 +73,24 @@ pub struct ComparisonResult {
     /// Root mean square of the logarithms of the relative weights around their mean: 0 for equal costs, whatever the units; null where a
     /// cost is singular.
     pub log_distance: Option<f64>,
+    /// The factor on the other cost that makes the geometric mean of the relative weights 1, whatever the units; null where a cost is singular.
+    pub log_scale: Option<f64>,
+    /// For every state its diagonal weight here over that in the other cost, brought to one scale (`log_scale`, else `scale`): above 1 where it
+    /// counts for more here. Null where it counts for nothing there.
+    pub state_ratios: Vec<Option<f64>>,
+    /// The same for every input (of a filter: output).
+    pub port_ratios: Vec<Option<f64>>,
+}
+
+/// What a state is worth.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct EquivalentResult {
+    /// The state.
+    pub state: String,
+    /// The input that costs as much as one unit of the state, others at zero: `√Q_ii` where R has the mean eigenvalue 1.
+    pub input: f64,
+    /// In which unit, such as `(N m)/rad`; null where units are not given.
+    pub unit: Option<String>,
 }
 
 /// What the weights mean.
@@ -80,10 +100,22 @@ pub struct ReadingResult {
     pub normalised_q: Vec<Vec<f64>>,
     /// R on that scale.
     pub normalised_r: Vec<Vec<f64>>,
-    /// Principal axes of Q, dearest first.
+    /// The units of its entries; null where `state_units` or those of the inputs are not given.
+    pub normalised_q_units: Option<Vec<Vec<String>>>,
+    /// The units of R's.
+    pub normalised_r_units: Option<Vec<Vec<String>>>,
+    /// What one unit of each state is worth in input; null of a filter.
+    pub equivalents: Option<Vec<EquivalentResult>>,
+    /// Principal axes of Q, dearest first. Of states with different units they turn with the units: see `sized_axes`.
     pub q_axes: Vec<AxisResult>,
     /// Principal axes of R, dearest first.
     pub r_axes: Vec<AxisResult>,
+    /// Principal axes of Q with every state counted in its own size (`sizes`): what is paid for motions as they are, whatever the units. Null of
+    /// a filter.
+    pub sized_axes: Option<Vec<AxisResult>>,
+    /// The root mean square of every state, along the trajectory of the request, or else in the steady state under white noise of unit intensity
+    /// on every state; null of a filter.
+    pub sizes: Option<Vec<f64>>,
     /// Shares in the steady state under white noise of unit intensity on every state; null of a filter.
     pub stationary_shares: Option<SharesResult>,
     /// Shares along the trajectory of the request.
@@ -124,6 +156,11 @@ pub struct FitResult {
     pub condition_number: f64,
     /// The trade-off between distance and condition number.
     pub curve: Vec<FitPointResult>,
+    /// Without a bound on the condition number, Q ⪰ 0 and R ≻ 0 alone: the least squared distance found. It is usually not attained, and falls
+    /// as far as the steps still gain.
+    pub unbounded_residual: Option<f64>,
+    /// The condition number of blkdiag(Q, R) there; null where rounding leaves no least eigenvalue.
+    pub unbounded_condition_number: Option<f64>,
     /// The smallest `‖S‖_F` of a cost with a cross term 2xᵀSu and R ⪰ I for which the gain is optimal (Priess 2015, eq. (3.20)).
     pub smallest_cross_term: Option<f64>,
     /// The weights of that cost; null with a structure.
@@ -183,7 +220,7 @@ pub struct InverseLqrResult {
     pub alpha_lower_bound: Option<f64>,
     /// Dimension of the set of weights that attain it.
     pub solution_dimension: Option<usize>,
-    /// Largest range of a diagonal weight within that set, as a share of the weight.
+    /// Largest range of a diagonal weight within that set, as a share of the weight; null where its dimension is too high for that to be measured.
     pub solution_width: Option<f64>,
     /// Q, n×n.
     pub q: Option<Vec<Vec<f64>>>,
@@ -227,34 +264,53 @@ fn axis(axis: Axis, names: &[String]) -> AxisResult {
     AxisResult { weight: axis.weight, share: axis.share, direction: axis.direction, combination }
 }
 
-fn shares(shares: Shares) -> SharesResult {
+pub(in crate::analysis) fn shares(shares: Shares) -> SharesResult {
     SharesResult { states: shares.states, ports: shares.inputs }
 }
 
 fn read(gains: &Gains, q: &DMatrix<f64>, r: &DMatrix<f64>, k: &DMatrix<f64>, inputs: &InverseInputs) -> ReadingResult {
     let (normalised_q, normalised_r, _) = reading::normalised(q, r);
     let regulator = gains.role() == Role::Regulator;
-    let numbered = |letter: &str| (1..=gains.ports()).map(|i| format!("{letter}{i}")).collect::<Vec<_>>();
-    let ports = if regulator || inputs.regulator.is_none() { inputs.port_names.clone() } else { numbered("y") };
-    let stationary = if regulator {
-        let closed = gains.a() - gains.b() * k;
-        let noise = DMatrix::identity(gains.states(), gains.states());
-        reading::stationary_shares(&closed, k, q, r, &noise, gains.clock()).ok().flatten()
-    } else {
-        None
+    let (ports, other) =
+        if regulator { (&inputs.inputs, &inputs.other_cost) } else { (&inputs.outputs, &inputs.other_noise) };
+    let (states, names) = (&inputs.states, &inputs.states.names);
+    let units = states.units.as_ref().zip(ports.units.as_ref()).map(|(x, y)| {
+        if regulator { units::of_cost(x, y) } else { units::of_noise(x, y, gains.clock() == Clock::Continuous) }
+    });
+    let [q_units, r_units] = units.map_or([None, None], |pair| pair.map(Some));
+    let worth = states.units.as_ref().zip(ports.units.as_ref()).map(|(x, u)| units::of_equivalents(x, u));
+    let equivalent = |(i, state): (usize, &String)| EquivalentResult {
+        state: state.clone(),
+        input: normalised_q[(i, i)].max(0.0).sqrt(),
+        unit: worth.as_ref().map(|units| units[i].clone()),
     };
     let along = inputs.trajectory.as_ref().filter(|_| regulator);
-    let other = inputs.comparand.as_ref().filter(|_| regulator);
+    let (mut stationary, mut sizes) = (None, None);
+    if regulator {
+        let closed = gains.a() - gains.b() * k;
+        let noise = DMatrix::identity(gains.states(), gains.states());
+        stationary = reading::stationary_shares(&closed, k, q, r, &noise, gains.clock()).ok().flatten();
+        let steady = || reading::stationary_covariance(&closed, &noise, gains.clock()).ok().map(|x| x.diagonal());
+        let recorded = along.map(|(x, _)| x.map(|v| v * v).row_mean().transpose());
+        sizes = recorded.or_else(steady).map(|squares| squares.iter().map(|v| v.max(0.0).sqrt()).collect::<Vec<f64>>());
+    }
+    let sized = sizes.as_ref().map(|sizes| reading::sized_axes(&normalised_q, sizes));
     ReadingResult {
         normalised_q: rows(&normalised_q),
         normalised_r: rows(&normalised_r),
-        q_axes: reading::axes(q).into_iter().map(|a| axis(a, &inputs.state_names)).collect(),
-        r_axes: reading::axes(r).into_iter().map(|a| axis(a, &ports)).collect(),
+        normalised_q_units: q_units,
+        normalised_r_units: r_units,
+        equivalents: regulator.then(|| names.iter().enumerate().map(equivalent).collect()),
+        q_axes: reading::axes(q).into_iter().map(|a| axis(a, names)).collect(),
+        r_axes: reading::axes(r).into_iter().map(|a| axis(a, &ports.names)).collect(),
+        sized_axes: sized.map(|axes| axes.into_iter().map(|a| axis(a, names)).collect()),
+        sizes,
         stationary_shares: stationary.map(shares),
         trajectory_shares: along.and_then(|(x, u)| reading::shares_along(q, r, x, u)).map(shares),
-        comparison: other.map(|(other_q, other_r)| {
-            let Comparison { scale, similarity, log_distance } = reading::compare((q, r), (other_q, other_r));
-            ComparisonResult { scale, similarity, log_distance }
+        comparison: other.as_ref().map(|(other_q, other_r)| {
+            let Comparison { scale, similarity, log_distance, log_scale, state_ratios, input_ratios } =
+                reading::compare((q, r), (other_q, other_r));
+            ComparisonResult { scale, similarity, log_distance, log_scale, state_ratios, port_ratios: input_ratios }
         }),
     }
 }
@@ -298,6 +354,8 @@ impl InverseLqrResult {
                     starts: p.starts,
                 })
                 .collect(),
+            unbounded_residual: fit.unbounded.map(|found| found.residual),
+            unbounded_condition_number: fit.unbounded.map(|u| u.condition_number).filter(|v| v.is_finite()),
             smallest_cross_term: cross_term.map(|found| found.norm),
             cross_term: cross_term.map(|found| CrossTermResult {
                 q: rows(&found.q),
@@ -333,7 +391,7 @@ impl InverseLqrResult {
             alpha: answer.conditioning.map(|c| c.alpha),
             alpha_lower_bound: answer.conditioning.map(|c| c.alpha_lower_bound),
             solution_dimension: answer.conditioning.map(|c| c.solution_dimension),
-            solution_width: answer.conditioning.map(|c| c.solution_width),
+            solution_width: answer.conditioning.and_then(|c| c.solution_width),
             q: weights.map(|w| rows(&w.q)),
             r: weights.map(|w| rows(&w.r)),
             p: weights.map(|w| rows(&w.proof.p)),

@@ -147,6 +147,8 @@ fn malformed_questions_name_matrix_size_and_reason() {
         (json!({"a": a, "b": b, "k": [[5, 3]], "c": [[1, 0]]}), "/inputs/c", "takes no input"),
         (json!({"a": a, "b": b, "k": [[5, 3]], "sample_time_s": -1}), "/inputs/sample_time_s", "-1"),
         (json!({"a": a, "b": b, "k": [[5, 3]], "state_names": ["one"]}), "/inputs/state_names", "1 names for 2"),
+        (json!({"a": a, "b": b, "k": [[5, 3]], "state_units": ["m"]}), "/inputs/state_units", "1 units for 2"),
+        (json!({"a": a, "b": b, "k": [[5, 3]], "input_units": [1]}), "/inputs/input_units", "string"),
     ];
     for (inputs, location, words) in cases {
         let problem = refused("inverse_lqr", inputs, json!({}));
@@ -155,10 +157,44 @@ fn malformed_questions_name_matrix_size_and_reason() {
         assert!(problem.detail.contains(words), "{problem}");
     }
     let good = json!({"a": a, "b": b, "k": [[5, 3]]});
+    let others = [
+        (json!({"trajectory": {"x": [[1, 0]]}}), "/inputs/trajectory", "no u"),
+        (json!({"trajectory": {"x": [[1]], "u": [[1]]}}), "/inputs/trajectory/x", "x is 1x1 and must have 2 columns"),
+        (json!({"trajectory": {"x": [[1, 0]], "u": [[1], [1]]}}), "/inputs/trajectory/u", "1 samples and u has 2"),
+        (json!({"trajectory": {"x": [[1, 1e300]], "u": [[1]]}}), "/inputs/trajectory/x/0/1", "1e300"),
+        (json!({"compare_with": {}}), "/inputs/compare_with", "no weights"),
+        (json!({"compare_with": {"w": [[1, 0], [0, 1]], "v": [[1]]}}), "/inputs/compare_with/w", "no w"),
+        (json!({"compare_with": {"q": [[1, 0], [0, 1]]}}), "/inputs/compare_with", "no r"),
+        (json!({"compare_with": {"q": [[1, 0]], "r": [[1]]}}), "/inputs/compare_with/q", "q is 1x2 and must be 2x2"),
+        (
+            json!({"compare_with": {"q": [[1, 1], [0, 1]], "r": [[1]]}}),
+            "/inputs/compare_with/q",
+            "q (2x2) is not symmetric",
+        ),
+        (
+            json!({"compare_with": {"q": [[1, 2], [2, 1]], "r": [[1]]}}),
+            "/inputs/compare_with/q",
+            "q (2x2) is not positive semidefinite",
+        ),
+        (
+            json!({"compare_with": {"q": [[1, 0], [0, 1]], "r": [[0]]}}),
+            "/inputs/compare_with/r",
+            "r (1x1) is not positive definite",
+        ),
+    ];
+    for (more, location, words) in others {
+        let mut inputs = good.clone();
+        inputs.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        let problem = refused("inverse_lqr", inputs, json!({}));
+        assert_eq!(problem.location.as_deref(), Some(location), "{problem}");
+        assert!(problem.detail.contains(words), "{problem}");
+    }
     let specs = [
-        (json!({"port_weight": {"fixed": [[-1]]}}), "not positive definite"),
+        (json!({"port_weight": {"fixed": [[-1]]}}), "(1x1) is not positive definite"),
+        (json!({"port_weight": {"fixed": [[1e300]]}}), "(1x1) has the entry 1e300"),
         (json!({"port_weight": {"fixed": [[1, 0], [0, 1]]}}), "2x2"),
         (json!({"state_weight": {"pattern": [[true, false], [true, true]]}}), "not symmetric"),
+        (json!({"state_weight": {"pattern": [[true, false], [false, false]]}}), "forbids the diagonal entry 1"),
         (json!({"fit": {"condition_numbers": [10, 5]}}), "increasing"),
         (json!({"fit": {"gain_covariance": [[1, 0], [0, -1]]}}), "positive definite"),
         (json!({"unknown": 1}), "unknown"),
@@ -170,4 +206,105 @@ fn malformed_questions_name_matrix_size_and_reason() {
     }
     let problem = refused("inverse_lqe", json!({"a": a, "c": [[1, 0]], "l": [[4, 9]]}), json!({}));
     assert!(problem.detail.contains("L is 1x2 and must be 2x1"), "{problem}");
+}
+
+#[test]
+fn weights_are_read_with_their_units() {
+    let inputs = json!({
+        "a": [[0, 1], [2, 0]], "b": [[0], [1]], "k": [[5, 4]],
+        "state_names": ["angle", "rate"], "state_units": ["rad", "rad/s"], "input_names": ["torque"], "input_units": ["N m"],
+        "trajectory": {"x": [[0.1, 0], [0, 2], [-0.1, -2]], "u": [[1], [2], [0]]},
+        "compare_with": {"q": [[4, 0], [0, 1]], "r": [[2]]}
+    });
+    let report = run("inverse_lqr", inputs.clone(), json!({"state_weight": "diagonal"}));
+    let reading = &report.result["reading"];
+    // P₁₂ = 5, P₂₂ = 4 for R = 1: Q = diag(25 − 20, 16 − 10), and P₁₁ is what makes it diagonal.
+    let number = |value: &Value| value.as_f64().unwrap();
+    for (i, weight) in [5.0_f64, 6.0].into_iter().enumerate() {
+        assert!((number(&reading["normalised_q"][i][i]) - weight).abs() < 1e-6, "{reading}");
+        let equivalent = &reading["equivalents"][i];
+        assert!((number(&equivalent["input"]) - weight.sqrt()).abs() < 1e-6);
+        assert_eq!(equivalent["unit"], ["(N m)/rad", "(N m)/(rad/s)"][i]);
+    }
+    assert_eq!(reading["normalised_q_units"][0], json!(["(N m)²/rad²", "(N m)²/(rad·(rad/s))"]));
+    assert_eq!(reading["normalised_r_units"], json!([["1"]]));
+    // The trajectory's own sizes: the rate costs most where it moves most.
+    let sizes = [(0.02_f64 / 3.0).sqrt(), (8.0_f64 / 3.0).sqrt()];
+    assert!((0..2).all(|i| (number(&reading["sizes"][i]) - sizes[i]).abs() < 1e-12), "{reading}");
+    assert_eq!(reading["sized_axes"][0]["combination"], "1.00 rate");
+    assert!((number(&reading["sized_axes"][0]["weight"]) - 16.0).abs() < 1e-5);
+    // ∫ 5 x₁² : 6 x₂² : u² = 0.1 : 48 : 5.
+    let shares = &reading["trajectory_shares"];
+    assert!(
+        (number(&shares["states"][0]) - 0.1 / 53.1).abs() < 1e-9
+            && (number(&shares["ports"][0]) - 5.0 / 53.1).abs() < 1e-7
+    );
+    // Against diag(4, 1), 2: relative weights 4/5, 1/6 and 2.
+    let comparison = &reading["comparison"];
+    let scale = number(&comparison["log_scale"]);
+    assert!((scale - (4.0_f64 / 5.0 / 6.0 * 2.0).powf(-1.0 / 3.0)).abs() < 1e-6, "{comparison}");
+    assert!((number(&comparison["state_ratios"][1]) - 6.0 / scale).abs() < 1e-5);
+    assert!((number(&comparison["port_ratios"][0]) - 0.5 / scale).abs() < 1e-6);
+    // Without units there are none, and other units of the states change the axes of Q but not those by size.
+    let mut plain = inputs.clone();
+    let members = plain.as_object_mut().unwrap();
+    members.remove("state_units");
+    members["a"] = json!([[0, 1000], [0.002, 0]]);
+    members["k"] = json!([[0.005, 4]]);
+    members["trajectory"]["x"] = json!([[100, 0], [0, 2], [-100, -2]]);
+    members.remove("compare_with");
+    let milli = run("inverse_lqr", plain, json!({"state_weight": "diagonal"}));
+    let other = &milli.result["reading"];
+    assert_eq!((&other["normalised_q_units"], &other["equivalents"][0]["unit"]), (&Value::Null, &Value::Null));
+    assert!((number(&other["normalised_q"][0][0]) - 5e-6).abs() < 1e-11);
+    assert!(
+        (number(&other["sized_axes"][0]["weight"]) / number(&reading["sized_axes"][0]["weight"]) - 1.0).abs() < 1e-6
+    );
+}
+
+#[test]
+fn noise_is_compared_between_people_too() {
+    let inputs = json!({
+        "a": [[1, 2], [-3, 1]], "c": [[1, 0]], "l": [[6.11], [4.33]], "state_units": ["m", "m/s"], "output_units": ["m"],
+        "compare_with": {"w": [[2, 0], [0, 2]], "v": [[1]]}
+    });
+    let report = run("inverse_lqe", inputs, json!({}));
+    let reading = &report.result["reading"];
+    assert!(reading["comparison"]["similarity"].as_f64().unwrap() > 0.5, "{reading}");
+    assert_eq!(reading["comparison"]["port_ratios"].as_array().unwrap().len(), 1);
+    assert_eq!(reading["normalised_w_units"][1][1], "(m/s)²/(m²·s²)");
+    assert!(
+        reading["equivalents"].is_null() && reading["sizes"].is_null() && reading.get("normalised_q_units").is_none()
+    );
+    // The same weights at another scale are the same person.
+    let same = json!({
+        "a": [[1, 2], [-3, 1]], "b": [[0, 1], [-1, 1]], "c": [[1, 0]], "k": [[-0.0764, -1.51], [1.88, 0.791]], "l": [[6.11], [4.33]],
+        "compare_with": {"w": report.result["w"].clone(), "v": report.result["v"].clone()}
+    });
+    let report = run("inverse_lqg", same, json!({}));
+    let comparison = &report.result["filter"]["reading"]["comparison"];
+    assert!(comparison["log_distance"].as_f64().unwrap() < 1e-5, "{comparison}");
+    assert_eq!(report.result["regulator"]["reading"]["comparison"], Value::Null);
+}
+
+#[test]
+fn what_a_structure_leaves_is_said() {
+    let codes = |report: &Report| report.warnings.iter().map(|w| w.code.clone()).collect::<Vec<_>>();
+    // The double integrator with the position paid for alone, and its gain to three digits.
+    let inputs = |k: Value| json!({"a": [[0, 1], [0, 0]], "b": [[0], [1]], "k": k});
+    let spec = json!({"semidefinite": true, "state_weight": {"pattern": [[true, false], [false, false]]}, "fit": {"condition_numbers": [100]}});
+    let exact = run("inverse_lqr", inputs(json!([[1, 2f64.sqrt()]])), spec.clone());
+    assert_eq!(exact.result["verdict"], "feasible");
+    assert!((exact.result["q"][0][0].as_f64().unwrap() / exact.result["r"][0][0].as_f64().unwrap() - 1.0).abs() < 1e-9);
+    assert_eq!(codes(&exact), Vec::<String>::new());
+    let rounded = run("inverse_lqr", inputs(json!([[1, 1.41]])), spec);
+    assert_eq!(rounded.result["verdict"], "infeasible");
+    assert!(codes(&rounded).contains(&"structure_leaves_nothing".to_owned()), "{:?}", codes(&rounded));
+    let fit = &rounded.result["fit"];
+    assert!(fit["residual"].as_f64().unwrap() < 2e-5 && fit["q"][1][1] == json!(0.0), "{fit}");
+    assert!(fit["unbounded_residual"].as_f64().unwrap() < 2e-5);
+    // K = 2 on x' = x + u costs nothing but the control: what does not decay is not seen.
+    let unseen = run("inverse_lqr", json!({"a": [[1]], "b": [[1]], "k": [[2]]}), json!({"fit": null}));
+    assert_eq!(unseen.result["verdict"], "boundary");
+    assert!(codes(&unseen).contains(&"undetectable".to_owned()), "{:?}", codes(&unseen));
 }

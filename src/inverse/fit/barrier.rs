@@ -1,6 +1,7 @@
 //! Newton's method within bounds on the eigenvalues of the weights.
 
 use super::objective::Objective;
+use crate::inverse::structure::Structure;
 use crate::num::{Ctl, Stopped};
 use nalgebra::{DMatrix, DVector};
 
@@ -18,9 +19,11 @@ pub(super) type Pair = (DMatrix<f64>, DMatrix<f64>);
 
 /// `low·I ≺ Q, R ≺ high·I`; no upper bound where it is infinite.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Bounds {
+pub(super) struct Bounds<'a> {
     pub low: f64,
     pub high: f64,
+    /// The states that Q weighs, where a structure leaves out others: the bounds hold for these, and Q is zero elsewhere.
+    pub weighed: Option<&'a [usize]>,
 }
 
 /// Where an iteration stands.
@@ -41,7 +44,23 @@ struct Slacks {
     value: f64,
 }
 
-impl Bounds {
+impl Bounds<'_> {
+    /// Those of Q.
+    fn of_states(self, q: &DMatrix<f64>) -> Option<Slacks> {
+        let Some(kept) = self.weighed else { return self.slacks(q) };
+        let found = self.slacks(&q.select_rows(kept).select_columns(kept))?;
+        let whole = |part: &DMatrix<f64>| {
+            let mut whole = DMatrix::zeros(q.nrows(), q.ncols());
+            for (i, row) in kept.iter().enumerate() {
+                for (j, column) in kept.iter().enumerate() {
+                    whole[(*row, *column)] = part[(i, j)];
+                }
+            }
+            whole
+        };
+        Some(Slacks { low: whole(&found.low), high: found.high.as_ref().map(whole), value: found.value })
+    }
+
     fn slacks(self, m: &DMatrix<f64>) -> Option<Slacks> {
         let d = m.nrows();
         let log = |c: &nalgebra::Cholesky<f64, nalgebra::Dyn>| 2.0 * c.l_dirty().diagonal().map(f64::ln).sum();
@@ -83,14 +102,14 @@ pub(super) fn minimise(
     objective: &Objective<'_>,
     directions: &[Pair],
     start: (DMatrix<f64>, DMatrix<f64>),
-    bounds: Bounds,
+    bounds: Bounds<'_>,
     barrier: Option<f64>,
     ctl: &Ctl,
 ) -> Result<Option<Point>, Stopped> {
     let (mut q, mut r) = start;
-    let degree = 2.0 * (q.nrows() + r.nrows()) as f64;
+    let degree = 2.0 * (bounds.weighed.map_or(q.nrows(), <[usize]>::len) + r.nrows()) as f64;
     let Ok(first) = objective.evaluate(&q, &r, None) else { return Ok(None) };
-    let (Some(mut sq), Some(mut sr)) = (bounds.slacks(&q), bounds.slacks(&r)) else { return Ok(None) };
+    let (Some(mut sq), Some(mut sr)) = (bounds.of_states(&q), bounds.slacks(&r)) else { return Ok(None) };
     let mut at = first;
     let mut mu = barrier.map_or(0.0, |share| share * at.value / degree);
     let barrier = barrier.is_some();
@@ -130,7 +149,7 @@ pub(super) fn minimise(
                 if model <= (last * at.value).max(0.02 * mu * degree).max(f64::MIN_POSITIVE) {
                     break;
                 }
-                let tried = bounds.slacks(&next_q).zip(bounds.slacks(&next_r)).and_then(|(nq, nr)| {
+                let tried = bounds.of_states(&next_q).zip(bounds.slacks(&next_r)).and_then(|(nq, nr)| {
                     objective.evaluate(&next_q, &next_r, Some(&at.k)).ok().map(|next| (nq, nr, next))
                 });
                 let Some((nq, nr, next)) = tried else {
@@ -181,12 +200,14 @@ fn combine(
 /// `None` where nothing is gained.
 pub(in crate::inverse) fn refine(
     objective: &Objective<'_>,
-    directions: &[Pair],
+    structure: &Structure,
     q: &DMatrix<f64>,
     r: &DMatrix<f64>,
     ctl: &Ctl,
 ) -> Result<Option<Pair>, Stopped> {
-    let bounds = Bounds { low: 0.0, high: f64::INFINITY };
+    let directions = &structure.directions(q.nrows(), r.nrows());
+    let weighed = structure.support();
+    let bounds = Bounds { low: 0.0, high: f64::INFINITY, weighed: weighed.as_deref() };
     let point = minimise(objective, directions, (q.clone(), r.clone()), bounds, None, ctl)?;
     Ok(point.map(|point| (point.q, point.r)))
 }

@@ -14,6 +14,11 @@ const FREE_SPREAD: f64 = 1e3;
 /// Sizes n + m up to which the cross-term start is computed.
 const CROSS_TERM: usize = 20;
 
+/// Rounds of steps without bounds at most.
+const ROUNDS: usize = 10;
+/// A round that gains less than this share of the value is the last.
+const CREEPING: f64 = 1e-6;
+
 /// How a fit is made.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitSettings {
@@ -67,6 +72,18 @@ pub struct FitPoint {
 pub struct Fit {
     /// A point for every κ; f does not increase.
     pub curve: Vec<FitPoint>,
+    /// Without a κ, Q ⪰ 0 and R ≻ 0 alone.
+    pub unbounded: Option<Unbounded>,
+}
+
+/// The nearest gain found where only the signs of the weights are held: no more than the last of the curve, and usually an infimum that is not
+/// attained, which is followed as long as it falls.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unbounded {
+    /// f.
+    pub residual: f64,
+    /// Condition number of blkdiag(Q, R) there (of what the structure lets Q weigh); infinite where rounding leaves no least eigenvalue.
+    pub condition_number: f64,
 }
 
 /// Why there is no fit.
@@ -107,6 +124,7 @@ pub fn fit(gains: &Gains, settings: &FitSettings, ctl: &Ctl) -> Result<Fit, FitE
     }
     let objective = Objective::new(gains, settings.metric.as_ref());
     let directions = settings.structure.directions(n, m);
+    let weighed = settings.structure.support();
     let free = settings.structure.is_free();
     let mut common = Vec::new();
     if free && n + m <= CROSS_TERM {
@@ -123,7 +141,7 @@ pub fn fit(gains: &Gains, settings: &FitSettings, ctl: &Ctl) -> Result<Fit, FitE
     unbounded.extend((0..settings.random_starts).map(|_| random(n, m, FREE_SPREAD, &mut stream)));
     for (mut q, mut r) in unbounded {
         settings.structure.impose(&mut q, &mut r);
-        let bounds = Bounds { low: 0.0, high: f64::INFINITY };
+        let bounds = Bounds { low: 0.0, high: f64::INFINITY, weighed: weighed.as_deref() };
         if let Some(point) = minimise(&objective, &directions, (q, r), bounds, None, ctl)? {
             common.push((point.q, point.r));
         }
@@ -132,9 +150,9 @@ pub fn fit(gains: &Gains, settings: &FitSettings, ctl: &Ctl) -> Result<Fit, FitE
     for kappa in &settings.condition_numbers {
         let identity = (DMatrix::identity(n, n) * kappa.sqrt(), structured_identity(settings, m) * kappa.sqrt());
         let mut starts = vec![(FAR, identity)];
-        starts.extend(common.iter().map(|(q, r)| (NEAR, into_box(q, r, *kappa))));
+        starts.extend(common.iter().map(|(q, r)| (NEAR, into_box(q, r, *kappa, weighed.as_deref()))));
         if let Some(previous) = found.last() {
-            starts.extend(different(previous).map(|p| (WARM, into_box(&p.q, &p.r, *kappa))));
+            starts.extend(different(previous).map(|p| (WARM, into_box(&p.q, &p.r, *kappa, weighed.as_deref()))));
         }
         starts.extend((0..settings.random_starts).map(|_| (NEAR, random(n, m, *kappa, &mut stream))));
         found.push(ends(&objective, &directions, starts, settings, *kappa, ctl)?);
@@ -154,7 +172,47 @@ pub fn fit(gains: &Gains, settings: &FitSettings, ctl: &Ctl) -> Result<Fit, FitE
             starts: points.len(),
         });
     }
-    if curve.is_empty() { Err(FitError::NoStart) } else { Ok(Fit { curve }) }
+    if curve.is_empty() {
+        return Err(FitError::NoStart);
+    }
+    let mut starts = common;
+    starts.extend(curve.last().map(|best| (best.q.clone(), best.r.clone())));
+    let unbounded = without_bounds(&objective, &directions, starts, weighed.as_deref(), ctl)?;
+    Ok(Fit { curve, unbounded })
+}
+
+/// The nearest gain with the signs of the weights alone, from the best of these starts on. The value creeps towards an infimum that is not attained,
+/// so that it is followed as long as it falls by a share worth mentioning.
+fn without_bounds(
+    objective: &Objective<'_>,
+    directions: &[Pair],
+    starts: Vec<Pair>,
+    weighed: Option<&[usize]>,
+    ctl: &Ctl,
+) -> Result<Option<Unbounded>, Stopped> {
+    let bounds = Bounds { low: 0.0, high: f64::INFINITY, weighed };
+    let valued =
+        starts.into_iter().filter_map(|(q, r)| objective.value(&q, &r, None).ok().map(|(value, _)| (value, q, r)));
+    let Some((mut value, mut q, mut r)) = valued.min_by(|x, y| x.0.total_cmp(&y.0)) else { return Ok(None) };
+    for _ in 0..ROUNDS {
+        let Some(point) = minimise(objective, directions, (q.clone(), r.clone()), bounds, None, ctl)? else { break };
+        let gained = value - point.value;
+        if gained > 0.0 {
+            (value, q, r) = (point.value, point.q, point.r);
+        }
+        if gained <= CREEPING * value {
+            break;
+        }
+    }
+    Ok(Some(Unbounded { residual: value, condition_number: condition(&q, &r, weighed) }))
+}
+
+/// The largest eigenvalue of the weights over the least.
+fn condition(q: &DMatrix<f64>, r: &DMatrix<f64>, weighed: Option<&[usize]>) -> f64 {
+    let q = weighed.map_or_else(|| q.clone(), |kept| q.select_rows(kept).select_columns(kept));
+    let (q, r) = (q.symmetric_eigenvalues(), r.symmetric_eigenvalues());
+    let least = q.min().min(r.min());
+    if least > 0.0 { q.max().max(r.max()) / least } else { f64::INFINITY }
 }
 
 /// The best few local minima that differ.
@@ -188,7 +246,8 @@ fn ends(
     kappa: f64,
     ctl: &Ctl,
 ) -> Result<Vec<Point>, Stopped> {
-    let bounds = Bounds { low: 1.0, high: kappa };
+    let weighed = settings.structure.support();
+    let bounds = Bounds { low: 1.0, high: kappa, weighed: weighed.as_deref() };
     let mut points = Vec::new();
     for (barrier, (mut q, mut r)) in starts {
         settings.structure.impose(&mut q, &mut r);

@@ -10,7 +10,7 @@ mod descent;
 mod objective;
 mod starts;
 
-pub use curve::{Fit, FitError, FitPoint, FitSettings, fit};
+pub use curve::{Fit, FitError, FitPoint, FitSettings, Unbounded, fit};
 pub use descent::{Descent, DescentError, DescentSettings, descent};
 pub use objective::{Evaluation, Objective};
 pub use starts::{CrossTerm, smallest_cross_term};

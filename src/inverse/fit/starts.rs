@@ -114,8 +114,24 @@ pub fn smallest_cross_term(gains: &Gains, ctl: &Ctl) -> Result<CrossTerm, LmiErr
     Ok(CrossTerm { q: symmetric(&q), r: symmetric(&r), norm: s.norm(), s })
 }
 
-/// Weights with their eigenvalues moved into `(1, κ)`, the geometric mean of the extremes in the middle.
-pub(super) fn into_box(q: &DMatrix<f64>, r: &DMatrix<f64>, kappa: f64) -> (DMatrix<f64>, DMatrix<f64>) {
+/// Weights with their eigenvalues moved into `(1, κ)`, the geometric mean of the extremes in the middle; Q on the states that are weighed,
+/// all where none are named.
+pub(super) fn into_box(
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    kappa: f64,
+    weighed: Option<&[usize]>,
+) -> (DMatrix<f64>, DMatrix<f64>) {
+    if let Some(kept) = weighed {
+        let (part, r) = into_box(&q.select_rows(kept).select_columns(kept), r, kappa, None);
+        let mut whole = DMatrix::zeros(q.nrows(), q.ncols());
+        for (i, row) in kept.iter().enumerate() {
+            for (j, column) in kept.iter().enumerate() {
+                whole[(*row, *column)] = part[(i, j)];
+            }
+        }
+        return (whole, r);
+    }
     let (eq, er) = (symmetric(q).symmetric_eigen(), symmetric(r).symmetric_eigen());
     let largest = eq.eigenvalues.amax().max(er.eigenvalues.amax()).max(f64::MIN_POSITIVE);
     let floor = |v: f64| v.max(largest * 1e-3 / kappa);
