@@ -1,14 +1,18 @@
 //! Eight clusters of feedback controllers, or eight single ones, as the kernel reads them.
 
-use super::cells::Cell;
+use super::cells::{Cell, Profile};
 use super::lines::Lines;
 use pulp::{Simd, WithSimd};
 
 /// Clusters per group.
 pub(super) const LANES: usize = 8;
 
-/// Principal directions of a cluster.
+/// Leading directions of a cluster, to which y adapts.
 pub(super) const DIRECTIONS: usize = 6;
+
+/// Faint ones after them, along which the bound only takes the worst.
+pub(super) const FAINT: usize = 6;
+pub(super) const ALL: usize = DIRECTIONS + FAINT;
 
 /// Deviations above this claim nothing: their remainder is said to be so large that no bound is left of it. Not infinite, which makes no
 /// number of a product with zero.
@@ -23,7 +27,7 @@ pub(super) mod field {
     /// `S G √w`, turned.
     pub const SG_RE: usize = 2;
     pub const SG_IM: usize = 3;
-    /// Largest |κ|, and what the directions leave over.
+    /// Largest |κ|, and largest rest behind the leading directions.
     pub const RADIUS: usize = 4;
     pub const REMAINDER: usize = 5;
     /// `E √w`.
@@ -31,7 +35,11 @@ pub(super) mod field {
     pub const E_IM: usize = 7;
     /// Re v_m, then Re and Im of `E √w v_m`.
     pub const DIRECTIONS: usize = 8;
-    pub const COUNT: usize = DIRECTIONS + 3 * super::DIRECTIONS;
+    /// Re and Im of a faint direction.
+    pub const FAINT: usize = DIRECTIONS + 3 * super::DIRECTIONS;
+    /// What a member typically leaves over behind all directions.
+    pub const SCALE: usize = FAINT + 2 * super::FAINT;
+    pub const COUNT: usize = SCALE + 1;
 }
 
 type Lanes = [f64; LANES];
@@ -41,8 +49,10 @@ type Lanes = [f64; LANES];
 pub(super) struct Group {
     pub fields: Vec<f64>,
     /// Ranges of the coordinates along the directions.
-    pub low: [Lanes; DIRECTIONS],
-    pub high: [Lanes; DIRECTIONS],
+    pub low: [Lanes; ALL],
+    pub high: [Lanes; ALL],
+    /// Largest norm of what all directions leave over, in units of the scale.
+    pub reach: Lanes,
     /// Products of the directions, `Re ⟨E v_i, E v_j⟩`, lower triangle; with `E − S`.
     pub gram: [Lanes; DIRECTIONS * (DIRECTIONS + 1) / 2],
     pub right: [Lanes; DIRECTIONS],
@@ -60,8 +70,9 @@ impl Group {
     pub(super) fn new(lines: &Lines) -> Self {
         Self {
             fields: vec![0.0; lines.constants.len() * field::COUNT * LANES],
-            low: [[0.0; LANES]; DIRECTIONS],
-            high: [[0.0; LANES]; DIRECTIONS],
+            low: [[0.0; LANES]; ALL],
+            high: [[0.0; LANES]; ALL],
+            reach: [0.0; LANES],
             gram: [[0.0; LANES]; DIRECTIONS * (DIRECTIONS + 1) / 2],
             right: [[0.0; LANES]; DIRECTIONS],
             slack: [0.0; LANES],
@@ -98,7 +109,7 @@ impl Group {
         let (mut scale, mut extent) = (0.0, 0.0);
         for (k, row) in self.fields.chunks_exact_mut(field::COUNT * LANES).enumerate() {
             let c = &lines.constants[k];
-            let s = cell.centre[k].inv();
+            let s = cell.centre(k).inv();
             let b = c.error - s * c.root;
             let sg = s * c.plant;
             let mut put = |field: usize, value: f64| row[field * LANES + lane] = value;
@@ -106,9 +117,11 @@ impl Group {
             put(field::B_IM, b.im);
             put(field::SG_RE, sg.re);
             put(field::SG_IM, sg.im);
-            let radius = cell.radius[k];
+            let Profile { radius, remainder, scale: rest } = cell.profile(k);
+            let known = radius <= LARGEST_DEVIATION;
             put(field::RADIUS, radius.min(LARGEST_DEVIATION));
-            put(field::REMAINDER, if radius <= LARGEST_DEVIATION { cell.remainder[k] } else { UNKNOWN });
+            put(field::REMAINDER, if known { remainder } else { UNKNOWN });
+            put(field::SCALE, if known { rest } else { UNKNOWN });
             put(field::E_RE, c.error.re);
             put(field::E_IM, c.error.im);
             for m in 0..DIRECTIONS {
@@ -118,6 +131,11 @@ impl Group {
                 put(field::DIRECTIONS + 3 * m + 1, a.re);
                 put(field::DIRECTIONS + 3 * m + 2, a.im);
             }
+            for m in 0..FAINT {
+                let v = cell.direction(DIRECTIONS + m, k);
+                put(field::FAINT + 2 * m, v.re);
+                put(field::FAINT + 2 * m + 1, v.im);
+            }
             extent += c.error.norm_sqr() * radius * radius;
             // 2 Σ w (|E|² (1 + |κ|)² + σ²|S|²), with the cancellation in 1 + L of σ = (1 + |L|)/|1 + L|, where |L| ≤ 1 + |1 + L|:
             // σ² ≤ 8 |S|² + 2.
@@ -126,8 +144,9 @@ impl Group {
         }
         self.slack[lane] = rounding(lines) * scale;
         self.extent[lane] = extent;
-        for m in 0..DIRECTIONS {
-            (self.low[m][lane], self.high[m][lane]) = (cell.low[m], cell.high[m]);
+        self.reach[lane] = f64::from(cell.reach);
+        for m in 0..ALL {
+            [self.low[m][lane], self.high[m][lane]] = cell.range(m);
         }
     }
 
@@ -135,7 +154,8 @@ impl Group {
         let last = self.filled - 1;
         for lane in self.filled..LANES {
             self.fields.chunks_exact_mut(LANES).for_each(|row| row[lane] = row[last]);
-            let rows = self.low.iter_mut().chain(&mut self.high).chain([&mut self.slack, &mut self.extent]);
+            let rows =
+                self.low.iter_mut().chain(&mut self.high).chain([&mut self.slack, &mut self.extent, &mut self.reach]);
             rows.for_each(|row| row[lane] = row[last]);
         }
         pulp::Arch::new().dispatch(Products { lines: lines.constants.len(), group: self });

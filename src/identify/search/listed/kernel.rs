@@ -11,14 +11,19 @@
 //! (weak duality, with `y · conj((1 + κ)(1 + δ))` for the member). What is quadratic in κ costs the bound no more than `Σ |y|² |κ|²`,
 //! a share |κ|² of the cost itself, so clusters may be large. For each denominator of the block δ is known, and the right side is affine in
 //! t but for that term; it is minimised over the box of the cluster's coordinates. `2 Re δ` in `|1 + δ|²` is kept, `|δ|²` beside κ is not:
-//! with the largest `|ρ| ≤ r`, `|κ|` and `|δ|` of cluster and block a line loses at most
+//! with the largest `|μ| ≤ r` that the leading directions leave over, `|κ|` and `|δ|` of cluster and block a line loses at most
 //!
-//! `|y|² (2 |δ|² (|κ| + r) + (1 + |δ|)² |κ|²) + 2 |y| r (1 + |δ|) (|E − y| + |y| |δ|)`.
+//! `|y|² (2 |δ|² (|κ| + r) + (1 + |δ|)² |κ|²)`,
+//!
+//! and what is left over brings `2 Re g μ` with `g = ȳ (E − y)`, and at most `2 |y| r |δ| (|E − y| + |y| (1 + |δ|))` more. Of `μ = Σ t_j v_j + ρ`
+//! the faint directions v_j are minimised over their box as well, and `2 Re Σ g ρ ≥ −2 R (Σ s² |g|²)^½` with the largest norm R of a
+//! member's ρ/s. First order in μ as these are, they cost more than all that is of second order in κ.
 //!
 //! # Choice of y
 //! The residual of the relaxed problem `min ‖E (1 + Σ t_i v_i) − S + (S G/D) N‖²` over N and the box of t, by a few rounds of coordinate
-//! descent: where t is inside its box, y is orthogonal to that direction and the bound loses nothing along it. y is then scaled by
-//! `α = min(1, √(limit/J))`, which is best for proving that members cost more than `limit`. Any y gives a valid bound.
+//! descent: where t is inside its box, y is orthogonal to that direction and the bound loses nothing along it but for `|1 + κ|²`, whose
+//! linear part `Σ |y|² 2 Re v_i t_i` then joins the relaxed problem for a second time. y is scaled by `α = min(1, √(limit/J))`, which is
+//! best for proving that members cost more than `limit`. Any y gives a valid bound.
 //!
 //! # Rounding
 //! As in the kernel of the other tree: the computed y is orthogonal to the columns only up to γ √C times their norms, and with a positive
@@ -26,14 +31,14 @@
 //! coefficients, where `C = 2 Σ w (|E|² (1 + |κ|)² + σ²|S|²)` and σ is the cancellation in 1 + L.
 
 use super::denominators::{Block, Denominators, FREE};
-use super::group::{DIRECTIONS, Group, LANES, field};
+use super::group::{DIRECTIONS, FAINT, Group, LANES, field};
 use pulp::{Simd, WithSimd};
 
 /// The largest half of a feedforward numerator that the kernel takes.
 pub(super) const LARGEST_HALF: usize = 8;
 
-/// Rounds of coordinate descent. More would tighten the bound a little, fewer would loosen it.
-const ROUNDS: usize = 4;
+/// Rounds of coordinate descent, at first and again. More would tighten the bound a little, fewer would loosen it.
+const ROUNDS: [usize; 2] = [4, 3];
 
 type Lanes = [f64; LANES];
 
@@ -48,31 +53,6 @@ pub(super) struct Bounds {
     pub alive: [u64; LANES],
     /// `Σ |E − S|² w |δ|²`: how far the block extends.
     pub extent: Lanes,
-    /// Of clusters with a single denominator: what its members cost at least, by their coordinates.
-    pub members: Quadratic,
-}
-
-/// A lower bound of a member's cost by its coordinates t, for a single denominator.
-///
-/// The residual of the relaxed problem at t, `y_t = y + z` with the y of its optimum t*, is itself a valid y, and best for this member:
-/// with `‖y_t‖² = Q = ‖y‖² + 2 qᵀ(t − t*) + ‖z‖²`, `‖z‖² = (t − t*)ᵀ H (t − t*)` and `W = Σ |y|² 2 Re Σ t_i v_i`
-///
-/// `J ≥ Q − W − 2 (κ + r) (2 ‖y‖ ‖z‖ + ‖z‖²) − κ² Q − 2 √Q (‖r E‖ + r √Q)`
-///
-/// with the cluster's largest |κ| and rest r over the lines. Nothing here is first order in the cluster's size but for what is linear in t.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Quadratic {
-    /// Lower triangle of H, row by row.
-    pub hessian: [Lanes; DIRECTIONS * (DIRECTIONS + 1) / 2],
-    pub gradient: [Lanes; DIRECTIONS],
-    pub optimum: [Lanes; DIRECTIONS],
-    /// `W = Σ weight_i t_i`.
-    pub weight: [Lanes; DIRECTIONS],
-    /// ‖y‖².
-    pub cost: Lanes,
-    /// ‖r E‖, and what rounding may lose.
-    pub rest: Lanes,
-    pub slack: Lanes,
 }
 
 /// Bounds of a group of clusters with those denominators of a block that are in `mask`.
@@ -185,6 +165,29 @@ impl<V: Copy, const N: usize> Half<V, N> {
     }
 }
 
+/// Adds `2 Re ȳ z (1 + δ)` as an affine form of the block's offsets; of a block of one only what does not depend on them.
+// A function and no closure, so that it is inlined where the instructions are known.
+#[inline(always)]
+fn form<S: Simd>(
+    simd: S,
+    y: (S::f64s, S::f64s),
+    z: (S::f64s, S::f64s),
+    directions: &[(S::f64s, S::f64s); FREE],
+    alone: bool,
+    into: &mut [S::f64s; FREE + 1],
+) {
+    let re = simd.mul_add_e_f64s(y.1, z.1, simd.mul_f64s(y.0, z.0));
+    let re = simd.add_f64s(re, re);
+    into[0] = simd.add_f64s(into[0], re);
+    if !alone {
+        let im = simd.negate_mul_add_e_f64s(y.1, z.0, simd.mul_f64s(y.0, z.1));
+        let im = simd.add_f64s(im, im);
+        for (into, phi) in into[1..].iter_mut().zip(directions) {
+            *into = simd.mul_add_e_f64s(re, phi.0, simd.negate_mul_add_e_f64s(im, phi.1, *into));
+        }
+    }
+}
+
 impl<const P: usize, const Q: usize, const T: usize> WithSimd for Bound<'_, P, Q, T> {
     type Output = ();
 
@@ -260,6 +263,7 @@ impl<const P: usize, const Q: usize, const T: usize> WithSimd for Bound<'_, P, Q
             let mut t = [zero; T];
             let mut hessian = [[zero; T]; T];
             let mut slope = [zero; T];
+            let mut inverse = [zero; T];
             if T > 0 {
                 let mut n = 0;
                 for i in 0..T {
@@ -275,60 +279,72 @@ impl<const P: usize, const Q: usize, const T: usize> WithSimd for Bound<'_, P, Q
                         let entry = odd.reduce(simd, q, &odd_a[i], &odd_a[j], entry);
                         (hessian[i][j], hessian[j][i]) = (entry, entry);
                     }
+                    inverse[i] = simd.div_f64s(splat(1.0), simd.max_f64s(hessian[i][i], splat(1e-14)));
                 }
-                let mut inverse = [zero; T];
-                let tiny = splat(1e-14);
-                for i in 0..T {
-                    inverse[i] = simd.div_f64s(splat(1.0), simd.max_f64s(hessian[i][i], tiny));
-                }
-                for _ in 0..ROUNDS {
+            }
+            let (mut cost, mut extent) = (zero, zero);
+            for &rounds in if T > 0 { &ROUNDS[..] } else { &ROUNDS[..1] } {
+                for _ in 0..rounds {
                     for i in 0..T {
                         let mut sum = slope[i];
-                        for j in (0..T).filter(|j| *j != i) {
+                        // What has just changed comes last, so that the rest need not wait for it.
+                        for j in i + 1..T {
+                            sum = fma(hessian[i][j], t[j], sum);
+                        }
+                        for j in 0..i {
                             sum = fma(hessian[i][j], t[j], sum);
                         }
                         let (low, high) = (S::as_simd_f64s(&group.low[i]).0[v], S::as_simd_f64s(&group.high[i]).0[v]);
                         t[i] = simd.min_f64s(simd.max_f64s(nfma(sum, inverse[i], zero), low), high);
                     }
                 }
+                let (mut even_n, mut odd_n) = (even_b, odd_b);
                 for m in 0..T {
                     for i in 0..p {
-                        even_b[i] = fma(even_a[m][i], t[m], even_b[i]);
+                        even_n[i] = fma(even_a[m][i], t[m], even_n[i]);
                     }
                     for i in 0..q {
-                        odd_b[i] = fma(odd_a[m][i], t[m], odd_b[i]);
+                        odd_n[i] = fma(odd_a[m][i], t[m], odd_n[i]);
                     }
                 }
-            }
-            even.backward(simd, p, &mut even_b);
-            odd.backward(simd, q, &mut odd_b);
-            // Its residual.
-            let (mut cost, mut extent) = (zero, zero);
-            for (k, d) in block.rows.iter().enumerate() {
-                let row = rows(k);
-                let at = |field: usize| row[field * vectors + v];
-                let functions = &denominators.functions[k * (p + q)..(k + 1) * (p + q)];
-                let (mut n_re, mut n_im) = (zero, zero);
-                for i in 0..p {
-                    n_re = fma(even_b[i], splat(functions[i]), n_re);
+                even.backward(simd, p, &mut even_n);
+                odd.backward(simd, q, &mut odd_n);
+                // Its residual.
+                (cost, extent) = (zero, zero);
+                let mut lean = [zero; T];
+                for (k, d) in block.rows.iter().enumerate() {
+                    let row = rows(k);
+                    let at = |field: usize| row[field * vectors + v];
+                    let functions = &denominators.functions[k * (p + q)..(k + 1) * (p + q)];
+                    let (mut n_re, mut n_im) = (zero, zero);
+                    for i in 0..p {
+                        n_re = fma(even_n[i], splat(functions[i]), n_re);
+                    }
+                    for i in 0..q {
+                        n_im = fma(odd_n[i], splat(functions[p + i]), n_im);
+                    }
+                    let (i_re, i_im) = (splat(d.inverse.re), splat(d.inverse.im));
+                    let (q_re, q_im) = (nfma(i_im, n_im, mul(i_re, n_re)), fma(i_im, n_re, mul(i_re, n_im)));
+                    let (s_re, s_im) = (at(field::SG_RE), at(field::SG_IM));
+                    let (b_re, b_im) = (at(field::B_RE), at(field::B_IM));
+                    extent = fma(splat(d.radius * d.radius), fma(b_re, b_re, mul(b_im, b_im)), extent);
+                    let mut r_re = fma(s_im, q_im, nfma(s_re, q_re, b_re));
+                    let mut r_im = nfma(s_im, q_re, nfma(s_re, q_im, b_im));
+                    for m in 0..T {
+                        r_re = fma(at(field::DIRECTIONS + 3 * m + 1), t[m], r_re);
+                        r_im = fma(at(field::DIRECTIONS + 3 * m + 2), t[m], r_im);
+                    }
+                    let square = fma(r_re, r_re, mul(r_im, r_im));
+                    cost = add(cost, square);
+                    for (m, lean) in lean.iter_mut().enumerate() {
+                        *lean = fma(square, at(field::DIRECTIONS + 3 * m), *lean);
+                    }
+                    residual[(2 * k) * vectors + v] = r_re;
+                    residual[(2 * k + 1) * vectors + v] = r_im;
                 }
-                for i in 0..q {
-                    n_im = fma(odd_b[i], splat(functions[p + i]), n_im);
+                for (slope, lean) in slope.iter_mut().zip(lean) {
+                    *slope = sub(*slope, lean);
                 }
-                let (i_re, i_im) = (splat(d.inverse.re), splat(d.inverse.im));
-                let (q_re, q_im) = (nfma(i_im, n_im, mul(i_re, n_re)), fma(i_im, n_re, mul(i_re, n_im)));
-                let (s_re, s_im) = (at(field::SG_RE), at(field::SG_IM));
-                let (b_re, b_im) = (at(field::B_RE), at(field::B_IM));
-                extent = fma(splat(d.radius * d.radius), fma(b_re, b_re, mul(b_im, b_im)), extent);
-                let mut r_re = fma(s_im, q_im, nfma(s_re, q_re, b_re));
-                let mut r_im = nfma(s_im, q_re, nfma(s_re, q_im, b_im));
-                for m in 0..T {
-                    r_re = fma(at(field::DIRECTIONS + 3 * m + 1), t[m], r_re);
-                    r_im = fma(at(field::DIRECTIONS + 3 * m + 2), t[m], r_im);
-                }
-                cost = fma(r_re, r_re, fma(r_im, r_im, cost));
-                residual[(2 * k) * vectors + v] = r_re;
-                residual[(2 * k + 1) * vectors + v] = r_im;
             }
             let condition = {
                 let of = |n: usize, determinant| {
@@ -345,7 +361,8 @@ impl<const P: usize, const Q: usize, const T: usize> WithSimd for Bound<'_, P, Q
             S::as_mut_simd_f64s(&mut out.cost).0[v] = cost;
             let alive = &mut S::as_mut_simd_u64s(&mut out.alive).0[v];
             let bits = |dead, bit: u64| simd.select_u64s(dead, simd.splat_u64s(0), simd.splat_u64s(bit));
-            if T == 0 && block.children.is_empty() {
+            let alone = block.children.is_empty();
+            if T == 0 && alone {
                 let bound = sub(cost, slack);
                 S::as_mut_simd_f64s(&mut out.bound).0[v] = bound;
                 *alive = bits(simd.greater_than_f64s(bound, limits), mask);
@@ -354,39 +371,6 @@ impl<const P: usize, const Q: usize, const T: usize> WithSimd for Bound<'_, P, Q
 
             S::as_mut_simd_f64s(&mut out.extent).0[v] = extent;
             let store = |into: &mut Lanes, value| S::as_mut_simd_f64s(into).0[v] = value;
-            if T > 0 && block.children.is_empty() {
-                let quadratic = &mut out.members;
-                let mut weight = [zero; T];
-                let mut rest = zero;
-                for k in 0..block.rows.len() {
-                    let row = rows(k);
-                    let at = |field: usize| row[field * vectors + v];
-                    let (y_re, y_im) = (residual[(2 * k) * vectors + v], residual[(2 * k + 1) * vectors + v]);
-                    let y2 = fma(y_re, y_re, mul(y_im, y_im));
-                    for (m, weight) in weight.iter_mut().enumerate() {
-                        *weight = fma(add(y2, y2), at(field::DIRECTIONS + 3 * m), *weight);
-                    }
-                    let (e_re, e_im, r) = (at(field::E_RE), at(field::E_IM), at(field::REMAINDER));
-                    rest = fma(mul(r, r), fma(e_re, e_re, mul(e_im, e_im)), rest);
-                }
-                let mut n = 0;
-                for i in 0..T {
-                    let mut gradient = slope[i];
-                    for j in 0..T {
-                        gradient = fma(hessian[i][j], t[j], gradient);
-                    }
-                    store(&mut quadratic.gradient[i], gradient);
-                    store(&mut quadratic.optimum[i], t[i]);
-                    store(&mut quadratic.weight[i], weight[i]);
-                    for j in 0..=i {
-                        store(&mut quadratic.hessian[n], hessian[i][j]);
-                        n += 1;
-                    }
-                }
-                store(&mut quadratic.cost, cost);
-                store(&mut quadratic.rest, simd.sqrt_f64s(rest));
-                store(&mut quadratic.slack, slack);
-            }
             // Where every relaxed cost is within the limit nothing can be proven.
             let hopeless = simd.less_than_or_equal_f64s(cost, limits);
             if simd.first_true_m64s(simd.not_m64s(hopeless)) >= LANES / vectors {
@@ -399,58 +383,77 @@ impl<const P: usize, const Q: usize, const T: usize> WithSimd for Bound<'_, P, Q
             let mut base = [zero; FREE + 1];
             let mut square = [zero; 6];
             let mut slopes = [[zero; FREE + 1]; T];
-            let mut lost = zero;
+            let (mut lost, mut left, mut crossed) = (zero, zero, zero);
+            let mut faint = [zero; FAINT];
             for (k, d) in block.rows.iter().enumerate() {
                 let row = rows(k);
                 let at = |field: usize| row[field * vectors + v];
                 let y_re = mul(alpha, residual[(2 * k) * vectors + v]);
                 let y_im = mul(alpha, residual[(2 * k + 1) * vectors + v]);
                 let phi = d.directions.map(|x| (splat(x.re), splat(x.im)));
-                // 2 Re ȳ z (1 + δ)
-                let form = |z_re, z_im, into: &mut [S::f64s; FREE + 1]| {
-                    let (w_re, w_im) = (fma(y_im, z_im, mul(y_re, z_re)), nfma(y_im, z_re, mul(y_re, z_im)));
-                    let (w_re, w_im) = (add(w_re, w_re), add(w_im, w_im));
-                    into[0] = add(into[0], w_re);
-                    for m in 0..FREE {
-                        into[m + 1] = fma(w_re, phi[m].0, nfma(w_im, phi[m].1, into[m + 1]));
-                    }
-                };
+                let y = (y_re, y_im);
                 let (b_re, b_im) = (at(field::B_RE), at(field::B_IM));
-                form(b_re, b_im, &mut base);
+                form(simd, y, (b_re, b_im), &phi, alone, &mut base);
                 let y2 = fma(y_re, y_re, mul(y_im, y_im));
-                let [a, b] = d.directions;
                 square[0] = add(square[0], y2);
-                square[1] = fma(y2, splat(2.0 * a.re), square[1]);
-                square[2] = fma(y2, splat(2.0 * b.re), square[2]);
-                square[3] = fma(y2, splat(a.norm_sqr()), square[3]);
-                square[4] = fma(y2, splat(2.0 * (a.re * b.re + a.im * b.im)), square[4]);
-                square[5] = fma(y2, splat(b.norm_sqr()), square[5]);
+                if !alone {
+                    let [a, b] = d.directions;
+                    square[1] = fma(y2, splat(2.0 * a.re), square[1]);
+                    square[2] = fma(y2, splat(2.0 * b.re), square[2]);
+                    square[3] = fma(y2, splat(a.norm_sqr()), square[3]);
+                    square[4] = fma(y2, splat(2.0 * (a.re * b.re + a.im * b.im)), square[4]);
+                    square[5] = fma(y2, splat(b.norm_sqr()), square[5]);
+                }
                 for m in 0..T {
                     let field = field::DIRECTIONS + 3 * m;
-                    form(at(field + 1), at(field + 2), &mut slopes[m]);
+                    form(simd, y, (at(field + 1), at(field + 2)), &phi, alone, &mut slopes[m]);
                     // −2 |y|² (1 + 2 Re δ) Re v
                     let w = mul(add(y2, y2), at(field));
                     slopes[m][0] = sub(slopes[m][0], w);
-                    for i in 0..FREE {
-                        slopes[m][i + 1] = nfma(w, splat(2.0 * d.directions[i].re), slopes[m][i + 1]);
+                    if !alone {
+                        for i in 0..FREE {
+                            slopes[m][i + 1] = nfma(w, splat(2.0 * d.directions[i].re), slopes[m][i + 1]);
+                        }
                     }
                 }
                 if T == 0 {
                     continue;
                 }
-                let (kappa, rest) = (at(field::RADIUS), at(field::REMAINDER));
-                let (delta, more) = (splat(d.radius), splat(1.0 + d.radius));
                 let (m_re, m_im) = (sub(at(field::E_RE), y_re), sub(at(field::E_IM), y_im));
-                let modulus = simd.sqrt_f64s(fma(m_re, m_re, mul(m_im, m_im)));
-                let y = simd.sqrt_f64s(y2);
-                let second = mul(mul(splat(2.0 * d.radius), delta), add(kappa, rest));
-                let second = fma(mul(mul(more, kappa), more), kappa, second);
-                lost = fma(y2, second, lost);
-                lost = fma(mul(add(y, y), mul(rest, more)), fma(y, delta, modulus), lost);
+                let (g_re, g_im) = (fma(y_re, m_re, mul(y_im, m_im)), nfma(y_im, m_re, mul(y_re, m_im)));
+                for (c, faint) in faint.iter_mut().enumerate() {
+                    let (v_re, v_im) = (at(field::FAINT + 2 * c), at(field::FAINT + 2 * c + 1));
+                    *faint = fma(g_re, v_re, nfma(g_im, v_im, *faint));
+                }
+                let g2 = fma(g_re, g_re, mul(g_im, g_im));
+                let (kappa, rest, scale) = (at(field::RADIUS), at(field::REMAINDER), at(field::SCALE));
+                left = fma(mul(scale, scale), g2, left);
+                let (delta, more) = (splat(d.radius), splat(1.0 + d.radius));
+                let whole = mul(more, kappa);
+                lost = fma(y2, mul(whole, whole), lost);
+                if !alone {
+                    let second = mul(mul(splat(2.0 * d.radius), delta), add(kappa, rest));
+                    lost = fma(y2, fma(splat(2.0 * d.radius), mul(rest, more), second), lost);
+                    let crossed_here = mul(rest, delta);
+                    crossed = fma(mul(crossed_here, crossed_here), g2, crossed);
+                }
             }
-            let lost = add(lost, slack);
             let boxes: [(S::f64s, S::f64s); T] =
                 std::array::from_fn(|m| (S::as_simd_f64s(&group.low[m]).0[v], S::as_simd_f64s(&group.high[m]).0[v]));
+            if T > 0 {
+                let reach = S::as_simd_f64s(&group.reach).0[v];
+                // Σ r |δ| |g| over the lines, by its root mean square.
+                let crossed = mul(splat((block.rows.len() as f64).sqrt()), simd.sqrt_f64s(crossed));
+                let left = fma(reach, simd.sqrt_f64s(left), crossed);
+                lost = fma(splat(2.0), left, lost);
+                for (c, faint) in faint.into_iter().enumerate() {
+                    let low = S::as_simd_f64s(&group.low[DIRECTIONS + c]).0[v];
+                    let high = S::as_simd_f64s(&group.high[DIRECTIONS + c]).0[v];
+                    let slope = add(faint, faint);
+                    lost = sub(lost, simd.min_f64s(mul(slope, low), mul(slope, high)));
+                }
+            }
+            let lost = add(lost, slack);
             // All denominators together first: most blocks end here.
             let [reach_a, reach_b] = block.reach.map(splat);
             let spread = |f: &[S::f64s; FREE + 1]| fma(simd.abs_f64s(f[1]), reach_a, mul(simd.abs_f64s(f[2]), reach_b));
@@ -466,6 +469,11 @@ impl<const P: usize, const Q: usize, const T: usize> WithSimd for Bound<'_, P, Q
                 whole = add(whole, nfma(spread(&slopes[m]), largest, centre));
             }
             let dead = simd.greater_than_f64s(whole, limits);
+            if alone {
+                S::as_mut_simd_f64s(&mut out.bound).0[v] = whole;
+                *alive = bits(dead, mask);
+                continue;
+            }
             if simd.first_true_m64s(simd.not_m64s(dead)) >= LANES / vectors {
                 S::as_mut_simd_f64s(&mut out.bound).0[v] = whole;
                 *alive = simd.splat_u64s(0);

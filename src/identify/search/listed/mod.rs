@@ -7,6 +7,7 @@ mod deviations;
 mod group;
 mod kernel;
 mod lines;
+mod principal;
 mod walk;
 
 use super::decide::{Harvest, decide, tell};

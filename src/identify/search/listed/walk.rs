@@ -2,13 +2,12 @@
 
 use super::super::decide::Found;
 use super::cells::{Cell, Cells};
-use super::group::{DIRECTIONS, Group, LANES};
-use super::kernel::{self, Bounds, Quadratic};
+use super::group::{Group, LANES};
+use super::kernel::{self, Bounds};
 use super::lines::Lines;
 use crate::identify::pool::Feedback;
 use crate::identify::problem::Problem;
 use crate::num::{Ctl, Stopped};
-use pulp::{Simd, WithSimd};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The block is divided where it extends more than this multiple of the cluster.
@@ -64,9 +63,6 @@ pub(super) struct Own {
     one: Bounds,
     scratch: Vec<f64>,
     work: Vec<Item>,
-    /// Coordinates of the members of the leaves in the group.
-    coordinates: Vec<Vec<f64>>,
-    pending: Vec<u32>,
     responses: Vec<f64>,
     pub found: Vec<Found>,
     pub counts: Counts,
@@ -86,8 +82,6 @@ impl<'a> Walk<'a> {
             one: Bounds::default(),
             scratch: Vec::new(),
             work: Vec::new(),
-            coordinates: vec![Vec::new(); LANES],
-            pending: Vec::new(),
             responses: vec![0.0; 2 * LANES * self.lines.constants.len()],
             found: Vec::new(),
             counts: Counts::default(),
@@ -193,12 +187,12 @@ impl<'a> Walk<'a> {
             for same in pairs.chunk_by(|a, b| a.0 == b.0) {
                 self.ctl.check()?;
                 let children = &self.cells.nodes[same[0].0 as usize].children;
-                let cells = if children.is_empty() { vec![same[0].0] } else { children.clone() };
+                let cells = if children.is_empty() { vec![same[0].0] } else { children.to_vec() };
                 let blocks: Vec<u32> = same
                     .iter()
                     .flat_map(|(_, block)| {
                         let children = &feedforward.blocks[*block as usize].children;
-                        if children.is_empty() { vec![*block] } else { children.clone() }
+                        if children.is_empty() { vec![*block] } else { children.to_vec() }
                     })
                     .collect();
                 for eight in cells.chunks(LANES) {
@@ -233,7 +227,7 @@ impl<'a> Walk<'a> {
         if node.children.is_empty() && node.rough {
             return self.scattered(node, &open.items, own);
         }
-        let cells = if node.children.is_empty() { vec![open.cell] } else { node.children.clone() };
+        let cells = if node.children.is_empty() { vec![open.cell] } else { node.children.to_vec() };
         let mut next = self.open(&cells, &open.items, true, own)?;
         next.sort_by(|a, b| a.promise.total_cmp(&b.promise));
         for open in &next {
@@ -263,7 +257,6 @@ impl<'a> Walk<'a> {
         let feedforward = &self.cells.feedforward;
         let nodes: Vec<&Cell> = cells.iter().map(|cell| &self.cells.nodes[*cell as usize]).collect();
         own.group.fill_cells(&self.lines, nodes.iter().copied());
-        own.coordinates.iter_mut().for_each(Vec::clear);
         let mut open: Vec<Open> = cells
             .iter()
             .map(|cell| Open { cell: *cell, items: Vec::new(), promise: f64::INFINITY, bound: f64::INFINITY })
@@ -297,7 +290,7 @@ impl<'a> Walk<'a> {
                     continue;
                 }
                 if is_done(node) {
-                    self.leaf(own, node, lane, id);
+                    self.leaf(own, node, id);
                 } else {
                     open[lane].items.push((id, alive[lane]));
                     open[lane].promise = open[lane].promise.min(own.bounds.cost[lane]);
@@ -311,26 +304,11 @@ impl<'a> Walk<'a> {
         opened.extend(open.into_iter().filter(|open| !open.items.is_empty()));
     }
 
-    /// The members of a leaf with a single denominator: those that the bound at their own coordinates does not exclude are evaluated.
-    fn leaf(&self, own: &mut Own, cell: &Cell, lane: usize, block: u32) {
+    /// The members of a leaf with a single denominator.
+    fn leaf(&self, own: &mut Own, cell: &Cell, block: u32) {
         let place = self.cells.feedforward.blocks[block as usize].first;
-        if own.coordinates[lane].is_empty() {
-            let mut coordinates = std::mem::take(&mut own.coordinates[lane]);
-            self.cells.coordinates(cell, &mut coordinates);
-            own.coordinates[lane] = coordinates;
-        }
-        let mut pending = std::mem::take(&mut own.pending);
-        pending.clear();
-        pulp::Arch::new().dispatch(Survivors {
-            coordinates: &own.coordinates[lane],
-            quadratic: &own.bounds.members,
-            lane,
-            cell,
-            limit: self.limit(),
-            into: &mut pending,
-        });
-        pending.chunks(LANES).for_each(|eight| self.members(own, eight, place));
-        own.pending = pending;
+        let members: Vec<u32> = cell.members.clone().collect();
+        members.chunks(LANES).for_each(|eight| self.members(own, eight, place));
     }
 
     /// The members of a leaf that cannot be bounded together: eight at a time, each by itself, with ever smaller blocks of denominators.
@@ -396,77 +374,6 @@ impl<'a> Walk<'a> {
             let limit = self.limit();
             own.found.retain(|found| super::super::decide::may_reach(found.bound, limit));
             own.room = (2 * own.found.len()).max(KEPT);
-        }
-    }
-}
-
-/// Which members of a leaf the bound of [`Quadratic`] does not exclude.
-struct Survivors<'a> {
-    coordinates: &'a [f64],
-    quadratic: &'a Quadratic,
-    lane: usize,
-    cell: &'a Cell,
-    limit: f64,
-    into: &'a mut Vec<u32>,
-}
-
-impl WithSimd for Survivors<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Self { coordinates, quadratic, lane, cell, limit, into } = self;
-        let largest = |values: &[f64]| values.iter().copied().fold(0.0, f64::max);
-        let (kappa, rest) = (largest(&cell.radius), largest(&cell.remainder));
-        let at = |lanes: &[f64; LANES]| simd.splat_f64s(lanes[lane]);
-        let splat = |x| simd.splat_f64s(x);
-        let fma = |a, b, c| simd.mul_add_e_f64s(a, b, c);
-        let nfma = |a, b, c| simd.negate_mul_add_e_f64s(a, b, c);
-        let zero = splat(0.0);
-        let hessian = quadratic.hessian.each_ref().map(at);
-        let gradient = quadratic.gradient.each_ref().map(at);
-        let optimum = quadratic.optimum.each_ref().map(at);
-        let weight = quadratic.weight.each_ref().map(at);
-        let cost = at(&quadratic.cost);
-        let root = simd.sqrt_f64s(cost);
-        for (eight, rows) in coordinates.chunks_exact(DIRECTIONS * LANES).enumerate() {
-            let (rows, _) = S::as_simd_f64s(rows);
-            let vectors = rows.len() / DIRECTIONS;
-            let mut bounds = [0.0; LANES];
-            for v in 0..vectors {
-                let (mut linear, mut growth, mut weights) = (zero, zero, zero);
-                let mut d = [zero; DIRECTIONS];
-                let mut n = 0;
-                for i in 0..DIRECTIONS {
-                    let t = rows[i * vectors + v];
-                    weights = fma(weight[i], t, weights);
-                    d[i] = simd.sub_f64s(t, optimum[i]);
-                    linear = fma(gradient[i], d[i], linear);
-                    let mut sum = zero;
-                    for d in &d[..i] {
-                        sum = fma(hessian[n], *d, sum);
-                        n += 1;
-                    }
-                    growth = fma(fma(hessian[n], d[i], simd.add_f64s(sum, sum)), d[i], growth);
-                    n += 1;
-                }
-                let growth = simd.max_f64s(growth, zero);
-                let whole = simd.max_f64s(fma(splat(2.0), linear, simd.add_f64s(cost, growth)), zero);
-                let norm = simd.sqrt_f64s(whole);
-                let mixed = fma(splat(2.0), simd.mul_f64s(root, simd.sqrt_f64s(growth)), growth);
-                let mut bound = simd.sub_f64s(whole, weights);
-                bound = nfma(splat(2.0 * (kappa + rest)), mixed, bound);
-                bound = nfma(splat(kappa * kappa), whole, bound);
-                bound = nfma(simd.add_f64s(norm, norm), fma(splat(rest), norm, at(&quadratic.rest)), bound);
-                bound = simd.sub_f64s(bound, at(&quadratic.slack));
-                S::as_mut_simd_f64s(&mut bounds).0[v] = bound;
-            }
-            for (lane, bound) in bounds.iter().enumerate() {
-                let member = cell.members.start + (eight * LANES + lane) as u32;
-                if member < cell.members.end && super::super::decide::may_reach(*bound, limit) {
-                    into.push(member);
-                }
-            }
         }
     }
 }
