@@ -1,6 +1,6 @@
 //! Eight clusters of feedback controllers, or eight single ones, as the kernel reads them.
 
-use super::cells::{Cell, Profile};
+use super::cell::{Cell, Profile};
 use super::lines::Lines;
 use pulp::{Simd, WithSimd};
 

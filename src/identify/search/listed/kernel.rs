@@ -370,7 +370,6 @@ impl<const P: usize, const Q: usize, const T: usize> WithSimd for Bound<'_, P, Q
             }
 
             S::as_mut_simd_f64s(&mut out.extent).0[v] = extent;
-            let store = |into: &mut Lanes, value| S::as_mut_simd_f64s(into).0[v] = value;
             // Where every relaxed cost is within the limit nothing can be proven.
             let hopeless = simd.less_than_or_equal_f64s(cost, limits);
             if simd.first_true_m64s(simd.not_m64s(hopeless)) >= LANES / vectors {

@@ -1,10 +1,12 @@
 //! The exact search for pools whose feedback controllers can be listed: branch and bound over clusters of like sensitivities, with
 //! every feedforward denominator by itself. `kernel.rs` derives the bound.
 
+mod cell;
 mod cells;
 mod denominators;
 mod deviations;
 mod group;
+mod grower;
 mod kernel;
 mod lines;
 mod principal;

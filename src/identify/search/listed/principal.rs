@@ -141,7 +141,7 @@ mod tests {
         // Along (1, i)/√2 with 3, along (1, −i)/√2 with 1, along nothing else; and a rest at the second line.
         let root = 0.5_f64.sqrt();
         let mut vectors = Vec::new();
-        for (a, b, c) in [(3.0, 1.0, 0.01), (-3.0, 1.0, 0.01), (3.0, -1.0, 0.01), (-3.0, -1.0, -0.01)] {
+        for (a, b, c) in [(3.0, 1.0, 0.01), (-3.0, 1.0, -0.01), (3.0, -1.0, -0.01), (-3.0, -1.0, 0.01)] {
             vectors.extend([a * root, b * root, 0.0, c, b * root, -a * root]);
         }
         let found = Principal::new(&vectors, 3, 2);

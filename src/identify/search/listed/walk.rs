@@ -1,7 +1,8 @@
 //! The walk through pairs of a cluster of feedback controllers and a block of feedforward denominators.
 
 use super::super::decide::Found;
-use super::cells::{Cell, Cells};
+use super::cell::Cell;
+use super::cells::Cells;
 use super::group::{Group, LANES};
 use super::kernel::{self, Bounds};
 use super::lines::Lines;
