@@ -96,7 +96,7 @@ fn without_rates() -> Structure {
 }
 
 /// Two coupled masses with a force each: angles or positions are paid for, rates are not.
-fn two_masses(clock: Clock) -> (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>, DMatrix<f64>, DMatrix<f64>) {
+fn two_masses(clock: Clock) -> [DMatrix<f64>; 5] {
     let a = rows(4, 4, &[0., 1., 0., 0., 2., -0.3, 1., 0.1, 0., 0., 0., 1., 0.5, 0., -1., -0.2]);
     let b = rows(4, 2, &[0., 0., 1., 0.2, 0., 0., 0., 0.7]);
     let (a, b) = match clock {
@@ -107,13 +107,13 @@ fn two_masses(clock: Clock) -> (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>, DMatri
     (q[(0, 0)], q[(2, 2)], q[(0, 2)], q[(2, 0)]) = (3.0, 2.0, 0.4, 0.4);
     let r = rows(2, 2, &[1.0, 0.1, 0.1, 0.5]);
     let k = lqr(&a, &b, &q, &r, clock).unwrap().k;
-    (a, b, q, r, k)
+    [a, b, q, r, k]
 }
 
 #[test]
 fn states_may_be_left_out_of_the_cost() {
     for clock in [Clock::Continuous, Clock::Sampled] {
-        let (a, b, q, r, k) = two_masses(clock);
+        let [a, b, q, r, k] = two_masses(clock);
         let gains = Gains::regulator(&a, &b, &k, clock).unwrap();
         let answer = ask(&gains, without_rates());
         assert_eq!(answer.verdict, Verdict::Feasible, "{clock:?}: {answer:?}");

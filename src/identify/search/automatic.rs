@@ -36,6 +36,10 @@ impl Method {
 /// Pools up to this size are searched before their trees would be built.
 const SMALL: u64 = 200_000;
 
+/// Listing and clustering feedback controllers is worth while from so many feedforward denominators on: it takes each of them about as long as
+/// an evaluation with a hundred. An FIR feedforward has one denominator only.
+const WORTH_LISTING: usize = 100;
+
 /// Pools whose trees are kept.
 const KEPT: usize = 2;
 
@@ -59,15 +63,16 @@ type Lines = (Vec<(f64, Complex64)>, usize);
 /// What a search needs of a pool and the lines, whatever was measured.
 #[derive(Debug, Clone)]
 enum Trees {
-    /// The controllers can be listed.
+    /// The controllers can be listed, and meet enough feedforward denominators.
     Listed(Arc<Cells>),
-    /// They cannot.
+    /// Otherwise.
     Product(Arc<Prepared>),
 }
 
 impl Trees {
     fn new(problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Self, Stopped> {
-        match Cells::new(problem, pool, ctl)? {
+        let listed = pool.feedforward().len() >= WORTH_LISTING;
+        match if listed { Cells::new(problem, pool, ctl)? } else { None } {
             Some(cells) => Ok(Self::Listed(Arc::new(cells))),
             None => Ok(Self::Product(Arc::new(Prepared::new(problem, pool, ctl)?))),
         }
@@ -150,6 +155,31 @@ impl Search for Automatic<'_> {
         match &prepared {
             Trees::Listed(cells) => Listed { cells }.search(problem, pool, ctl),
             Trees::Product(prepared) => BranchAndBound { prepared }.search(problem, pool, ctl),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::pool::{Degrees, PoolSpec};
+    use crate::plants::catalogue;
+    use serde_json::json;
+
+    /// With an FIR feedforward the walk through of the README took over a minute, nearly all of it for clusters.
+    #[test]
+    fn controllers_are_listed_only_where_that_is_worth_while() {
+        let plant = System::Continuous(catalogue::two_mass());
+        let omega = [0.7, 1.1, 1.6, 2.2, 2.6, 3.0];
+        let h = omega.map(|w| Complex64::new(0.0, -w).exp());
+        let problem = Problem::new(&crate::identify::problem::Lines::new(&plant, &omega, &h, None), 4).unwrap();
+        for (poles, listed) in [(3, true), (40, false)] {
+            let spec = json!({"name": "zhang2015_appendix_b", "thin": {"poles": poles, "zeros": 20, "gains": 20}});
+            let recipe = serde_json::from_value::<PoolSpec>(spec).unwrap().check(Degrees::default()).unwrap();
+            let pool = recipe.build(&plant, &Ctl::new()).unwrap();
+            assert_eq!(pool.feedforward().len() >= WORTH_LISTING, listed, "{}", pool.feedforward().len());
+            let trees = Trees::new(&problem, &pool, &Ctl::new()).unwrap();
+            assert_eq!(matches!(trees, Trees::Listed(_)), listed);
         }
     }
 }
