@@ -2,7 +2,7 @@
 //!
 //! `cargo bench --bench inverse` takes some seconds and asserts the targets of one core: n = 4, m = 4 in 2 ms, n = 16, m = 8 in 100 ms,
 //! n = 32, m = 8 in 2 s, each with a forward error of at most 1e-6, and the fit of Priess 2015, §3.4, to f ≤ 1.48 in 1 s.
-//! `-- --full` runs 10,000 optimal gains and 10,000 stabilising ones (about a quarter of an hour); `-- --smoke` asserts no times.
+//! `-- --full` runs 10,000 optimal gains and 10,000 stabilising ones (about five minutes); `-- --smoke` asserts no times.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use nalgebra::DMatrix;
@@ -28,9 +28,12 @@ fn main() {
         let begin = Instant::now();
         let optimal = inverse_plants::optimal(10_000, inverse_plants::SEED, &mut complain);
         println!("10,000 optimal gains: {optimal:?} in {:.0} s", begin.elapsed().as_secs_f64());
-        let single = inverse_plants::single_input(10_000, inverse_plants::SEED, &mut complain);
-        println!("10,000 single-input gains against Kalman's inequality: {single:?}");
+        // Two in five do not stabilise, and are skipped.
+        let single = inverse_plants::single_input(17_000, inverse_plants::SEED, &mut complain);
+        println!("single-input gains against Kalman's inequality: {single:?}");
         assert_eq!(complaints, 0, "complaints above");
+        let judged = single.feasible + single.boundary + single.infeasible;
+        assert!(judged >= 10_000, "only {judged} of the gains stabilise");
         return;
     }
     let strict = !has("--smoke");
