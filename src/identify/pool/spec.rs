@@ -27,6 +27,9 @@ pub enum PoolSpec {
 pub enum PoolName {
     /// Zhang 2015, appendix B: continuous time, poles and zeros up to 25 rad/s, peak gains up to 30.5 over 0.1 to 0.4 Hz,
     /// stability margin 0.1 1/s.
+    ///
+    /// The margin is strict: on the plant of its chapter 3, 3,359 feedback controllers whose zero at −0.1 cancels a pole there
+    /// lie on the line and are left out; 31,062,226 remain. No other controller with a gain is so near that rounding could decide.
     #[serde(rename = "zhang2015_appendix_b")]
     Zhang2015AppendixB,
     /// Zhang 2015, appendix C: sampled time by zero-pole matching, FIR feedforward, poles and zeros up to 31.5 rad/s, peak
