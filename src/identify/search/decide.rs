@@ -7,6 +7,7 @@ use crate::identify::problem::Problem;
 use crate::num::{Bracket, Ctl, Stopped};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 /// Whether something with this lower bound may cost as little as the limit; a bound that is not a number says nothing.
 pub(super) fn may_reach(bound: f64, limit: f64) -> bool {
@@ -46,11 +47,34 @@ pub(super) struct Harvest {
     pub without_feedback: u64,
 }
 
-/// Tells the best candidate that a thread has found, and what every candidate of the pool costs at least.
-pub(super) fn tell(found: &[Found], pool: &Pool, bound: f64, ctl: &Ctl) {
-    if let Some(best) = found.iter().min_by(|a, b| a.above().total_cmp(&b.above())) {
-        let index = pool.index(best.feedforward as usize, best.feedback);
-        ctl.set_bracket(Bracket { incumbent: best.above(), bound, index });
+/// Tells, as a search goes on, the best candidate and what every candidate of the pool costs at least.
+#[derive(Debug)]
+pub(super) struct Teller<'a> {
+    pool: &'a Pool,
+    ctl: &'a Ctl,
+    /// What the best candidate costs at most, and its index, which takes a walk through a block of the pool: not for every task.
+    told: Mutex<Option<(f64, u64)>>,
+}
+
+impl<'a> Teller<'a> {
+    pub(super) fn new(pool: &'a Pool, ctl: &'a Ctl) -> Self {
+        Self { pool, ctl, told: Mutex::new(None) }
+    }
+
+    /// With what a thread has found, the smallest cost that is known to any, and the bound.
+    pub(super) fn tell(&self, found: &[Found], best: f64, bound: f64) {
+        // A plain value: whole whenever the lock is free.
+        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = told.map_or(f64::INFINITY, |(above, _)| above);
+        if best < before
+            && let Some(best) = found.iter().min_by(|a, b| a.above().total_cmp(&b.above()))
+            && best.above() < before
+        {
+            *told = Some((best.above(), self.pool.index(best.feedforward as usize, best.feedback)));
+        }
+        if let Some((incumbent, index)) = *told {
+            self.ctl.set_bracket(Bracket { incumbent, bound, index });
+        }
     }
 }
 

@@ -1,12 +1,15 @@
 //! A cluster of feedback controllers, as it is kept.
 
+use super::ALL;
 use super::deviations::{Extent, Split};
-use super::group::ALL;
 use super::principal::Part;
 use num_complex::{Complex32, Complex64};
 
 /// Leaves above this size are looked at member by member.
 const ROUGH: f64 = 0.03;
+
+/// Parts into which a range is divided for [`Cell::range_within`].
+const STEPS: f64 = u8::MAX as f64;
 
 /// A cluster of feedback controllers, in as little memory as bounds allow: there are many.
 #[derive(Debug)]
@@ -17,6 +20,8 @@ pub(super) struct Cell {
     directions: Box<[Part]>,
     /// Range of the coordinate along each.
     ranges: [[f32; 2]; ALL],
+    /// Range of its members' coordinates in the cluster that it is a part of, as shares of that one's range.
+    within: [[u8; 2]; ALL],
     /// Three values a line: see [`Profile`].
     profile: Box<[[f32; 3]]>,
     /// Largest norm of what all directions leave over, in units of [`Profile::scale`].
@@ -55,6 +60,7 @@ impl Cell {
             centre: split.centre.iter().map(single).collect(),
             directions: split.directions.iter().copied().map(Part::new).collect(),
             ranges: std::array::from_fn(|m| [-above(-extent.low[m]), above(extent.high[m])]),
+            within: [[0, u8::MAX]; ALL],
             profile: (0..split.centre.len()).map(profile).collect(),
             reach,
             members,
@@ -79,5 +85,36 @@ impl Cell {
 
     pub(super) fn range(&self, m: usize) -> [f64; 2] {
         self.ranges[m].map(f64::from)
+    }
+
+    /// Range of the members' coordinates in the frame of the cluster that this one is a part of.
+    pub(super) fn range_within(&self, whole: &Self, m: usize) -> [f64; 2] {
+        self.within[m].map(|share| whole.at(m, share))
+    }
+
+    /// Keeps these ranges of coordinates in the frame of `whole`, rounded outwards.
+    pub(super) fn set_within(&mut self, whole: &Self, ranges: &[[f64; 2]; ALL]) {
+        for (m, ([low, high], within)) in ranges.iter().zip(&mut self.within).enumerate() {
+            let [from, to] = whole.range(m);
+            let share = |t: f64| if to > from { (t - from) / (to - from) * STEPS } else { 0.0 };
+            let (mut below, mut above) = (share(*low).floor() as u8, share(*high).ceil() as u8);
+            // The ends of the whole range are its own, so both searches end there at the latest.
+            while below > 0 && whole.at(m, below) > *low {
+                below -= 1;
+            }
+            while above < u8::MAX && whole.at(m, above) < *high {
+                above += 1;
+            }
+            *within = [below, above];
+        }
+    }
+
+    fn at(&self, m: usize, share: u8) -> f64 {
+        let [low, high] = self.range(m);
+        match share {
+            0 => low,
+            u8::MAX => high,
+            _ => low + (high - low) * (f64::from(share) / STEPS),
+        }
     }
 }

@@ -6,8 +6,8 @@
 //! depend on plant, lines and pool, not on what was measured: all trials of a study share them.
 
 use super::cell::Cell;
-use super::group::LANES;
 use super::grower::Grower;
+use super::singles::LANES;
 use crate::identify::pool::{Feedback, Pool};
 use crate::identify::problem::Problem;
 use crate::num::{Ctl, Stopped};

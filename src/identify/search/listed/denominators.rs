@@ -1,6 +1,7 @@
 //! The feedforward denominators, in nested blocks of neighbours.
 
 use super::super::tree::axis::{Deviation, Tree};
+use super::real::Real;
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
 use crate::num::{Ctl, Stopped};
@@ -20,6 +21,10 @@ pub(super) struct Block {
     pub offsets: Vec<[f64; FREE]>,
     /// Largest modulus of each offset.
     pub reach: [f64; FREE],
+    /// One and the largest `Σ |offset φ|` at a line.
+    pub spread: f64,
+    /// Largest |1/D|.
+    pub unit: f64,
     /// Per line, what the kernel reads.
     pub rows: Vec<Row>,
     /// Per line: products of the basis functions over |D|²: the lower triangle of the real half, then of the imaginary half.
@@ -39,17 +44,96 @@ pub(super) struct Row {
     pub radius: f64,
 }
 
+/// What the kernel for clusters reads of the blocks, in one of the precisions.
+#[derive(Debug)]
+pub(super) struct Table<N> {
+    /// Of a block per line: Re and Im of 1/D, in units of its largest modulus, and the largest |δ|.
+    rows: Vec<[N; 3]>,
+    lines: usize,
+    /// Per block, largest modulus of each offset in the inverse unit; one and the largest `Σ |offset φ|`.
+    reach: Vec<[N; FREE]>,
+    spread: Vec<N>,
+    /// Offsets of the members, in the inverse unit, as many together as [`WIDE`]; and where a block's begin.
+    offsets: Vec<[[N; WIDE]; FREE]>,
+    begins: Vec<usize>,
+}
+
+/// Members of a block whose bounds are computed together.
+pub(super) const WIDE: usize = 8;
+
+/// The rows, the reach and the spread of a block.
+pub(super) type Entry<'a, N> = (&'a [[N; 3]], [N; FREE], N);
+
+impl<N: Real> Table<N> {
+    fn new(blocks: &[Block], lines: usize) -> Self {
+        let row = |block: &Block, row: &Row| {
+            let inverse = row.inverse / block.unit;
+            [N::nearest(inverse.re), N::nearest(inverse.im), N::above(row.radius)]
+        };
+        let (mut offsets, mut begins) = (Vec::new(), vec![0]);
+        for block in blocks {
+            offsets.extend(block.offsets.chunks(WIDE).map(|chunk| {
+                std::array::from_fn(|m| {
+                    std::array::from_fn(|j| N::nearest(chunk[j.min(chunk.len() - 1)][m] * block.unit))
+                })
+            }));
+            begins.push(offsets.len());
+        }
+        Self {
+            offsets,
+            begins,
+            rows: blocks.iter().flat_map(|block| block.rows.iter().map(move |r| row(block, r))).collect(),
+            lines,
+            reach: blocks.iter().map(|block| block.reach.map(|r| N::above(r * block.unit))).collect(),
+            spread: blocks.iter().map(|block| N::above(block.spread)).collect(),
+        }
+    }
+
+    /// Offsets of a block's members; those left over repeat the last.
+    pub(super) fn offsets(&self, block: u32) -> &[[[N; WIDE]; FREE]] {
+        &self.offsets[self.begins[block as usize]..self.begins[block as usize + 1]]
+    }
+
+    pub(super) fn entry(&self, block: u32) -> Entry<'_, N> {
+        let at = block as usize;
+        (&self.rows[at * self.lines..(at + 1) * self.lines], self.reach[at], self.spread[at])
+    }
+}
+
+/// A precision in which a table is kept.
+pub(super) trait Kept: Real {
+    fn table(of: &Denominators) -> &Table<Self>;
+}
+
+impl Kept for f32 {
+    fn table(of: &Denominators) -> &Table<Self> {
+        &of.single_precision
+    }
+}
+
+impl Kept for f64 {
+    fn table(of: &Denominators) -> &Table<Self> {
+        &of.double_precision
+    }
+}
+
 /// All of them.
 #[derive(Debug)]
 pub(super) struct Denominators {
+    single_precision: Table<f32>,
+    double_precision: Table<f64>,
     pub blocks: Vec<Block>,
     pub roots: Vec<u32>,
     /// Positions of the pool's denominators, so that the members of a block are adjacent.
     pub order: Vec<u32>,
     /// The block of a single denominator, per place in `order`.
     pub single: Vec<u32>,
+    /// Per line, what part of `Σ |1/D|²` a denominator has there on average.
+    pub typical: Vec<f64>,
     /// Values of the basis functions, per line: the real half first.
     pub functions: Vec<f64>,
+    /// Per line, the powers x^m that go with the free coefficients; zero where there are fewer.
+    pub powers: Vec<[Complex64; FREE]>,
     pub halves: [usize; 2],
 }
 
@@ -101,10 +185,34 @@ impl Denominators {
             problem.at_lines(&power)
         });
         let powers: Vec<Vec<Complex64>> = powers.collect();
-        let mut all =
-            Self { blocks: Vec::new(), roots: Vec::new(), single: vec![0; order.len()], order, functions, halves };
+        let mut typical = vec![0.0; problem.lines().len()];
+        for response in &responses {
+            let shares: Vec<f64> = response.iter().map(|d| 1.0 / d.norm_sqr()).collect();
+            let sum = shares.iter().sum::<f64>() * responses.len() as f64;
+            typical.iter_mut().zip(shares).for_each(|(typical, share)| *typical += share / sum);
+        }
+        let tangent = |m: usize, k: usize| {
+            let power = (m + degree).checked_sub(FREE).and_then(|at| powers.get(at + 1));
+            power.map_or(Complex64::ZERO, |x| x[k])
+        };
+        let tangents = (0..problem.lines().len()).map(|k| std::array::from_fn(|m| tangent(m, k))).collect();
+        let mut all = Self {
+            single_precision: Table::new(&[], 0),
+            double_precision: Table::new(&[], 0),
+            blocks: Vec::new(),
+            roots: Vec::new(),
+            single: vec![0; order.len()],
+            order,
+            typical,
+            functions,
+            powers: tangents,
+            halves,
+        };
         let maker = Maker { coefficients: &coefficients, powers: &powers };
         all.divide(&maker, 0..all.order.len(), true);
+        let lines = problem.lines().len();
+        all.single_precision = Table::new(&all.blocks, lines);
+        all.double_precision = Table::new(&all.blocks, lines);
         Ok(Some(all))
     }
 
@@ -162,7 +270,8 @@ impl Maker<'_> {
         }
         let offsets: Vec<[f64; FREE]> =
             members.clone().map(|at| std::array::from_fn(|m| of(at)[m] - centre[m])).collect();
-        let reach = std::array::from_fn(|m| offsets.iter().map(|o| o[m].abs()).fold(0.0, f64::max));
+        let reach: [f64; FREE] = std::array::from_fn(|m| offsets.iter().map(|o| o[m].abs()).fold(0.0, f64::max));
+        let (mut spread, mut unit) = (1.0_f64, 0.0_f64);
         let degree = self.powers.len() - 1;
         let lines = self.powers[0].len();
         let [p, q] = all.halves;
@@ -173,16 +282,16 @@ impl Maker<'_> {
                 d += c * self.powers[m + 1][k];
             }
             let inverse = d.inv();
-            let directions = std::array::from_fn(|m| {
-                let power = (m + degree).checked_sub(FREE).and_then(|at| self.powers.get(at + 1));
-                power.map_or(Complex64::ZERO, |x| x[k] * inverse)
-            });
+            let directions = all.powers[k].map(|x| x * inverse);
             let deviation = |o: &[f64; FREE]| -> f64 {
                 o.iter().zip(&directions).map(|(o, phi)| phi * o).sum::<Complex64>().norm()
             };
             let radius = offsets.iter().map(deviation).fold(0.0, f64::max) * (1.0 + 1e-12);
+            let moduli = directions.iter().zip(&reach).map(|(phi, r): (&Complex64, &f64)| phi.norm() * r).sum::<f64>();
+            spread = spread.max(1.0 + moduli);
             rows.push(Row { inverse, directions, radius });
             let u = inverse.norm_sqr();
+            unit = unit.max(u.sqrt());
             let functions = &all.functions[k * (p + q)..(k + 1) * (p + q)];
             for half in [&functions[..p], &functions[p..]] {
                 for i in 0..half.len() {
@@ -190,6 +299,6 @@ impl Maker<'_> {
                 }
             }
         }
-        Block { first: members.start, offsets, reach, rows, products, children: Vec::new() }
+        Block { first: members.start, offsets, reach, spread, unit, rows, products, children: Vec::new() }
     }
 }

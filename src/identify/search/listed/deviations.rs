@@ -1,7 +1,8 @@
 //! How responses deviate from a centre, eight at a time: their coordinates along directions, and into which part of a division they fall.
 
-use super::group::{ALL, DIRECTIONS, LANES};
 use super::principal::Principal;
+use super::singles::LANES;
+use super::{ALL, DIRECTIONS, PARTS};
 use num_complex::{Complex32, Complex64};
 use pulp::{Simd, WithSimd};
 
@@ -225,6 +226,15 @@ pub(super) struct Widest {
     reach: Lanes,
     /// Of all squares in `reach`: what is no number stays in a sum, where a maximum may drop it.
     sum: Lanes,
+    /// Ranges of the coordinates of each part's members.
+    parts: [Ranges; PARTS],
+}
+
+/// The smallest and the largest of each coordinate.
+#[derive(Debug, Clone)]
+struct Ranges {
+    low: [f64; ALL],
+    high: [f64; ALL],
 }
 
 impl Widest {
@@ -237,7 +247,14 @@ impl Widest {
             remainder: vec![zero; lines],
             reach: zero,
             sum: zero,
+            parts: std::array::from_fn(|_| Ranges { low: [f64::INFINITY; ALL], high: [f64::NEG_INFINITY; ALL] }),
         }
+    }
+
+    /// Ranges of the coordinates of a part's members.
+    pub(super) fn ranges(&self, part: usize) -> [[f64; 2]; ALL] {
+        let Ranges { low, high } = &self.parts[part];
+        std::array::from_fn(|m| [low[m], high[m]])
     }
 
     pub(super) fn join(mut self, other: &Self) -> Self {
@@ -250,6 +267,10 @@ impl Widest {
         self.remainder.iter_mut().zip(&other.remainder).for_each(|(a, b)| with(a, b, f64::max));
         with(&mut self.reach, &other.reach, f64::max);
         with(&mut self.sum, &other.sum, |a, b| a + b);
+        for (mine, theirs) in self.parts.iter_mut().zip(&other.parts) {
+            mine.low.iter_mut().zip(&theirs.low).for_each(|(a, b)| *a = a.min(*b));
+            mine.high.iter_mut().zip(&theirs.high).for_each(|(a, b)| *a = a.max(*b));
+        }
         self
     }
 }
@@ -290,7 +311,15 @@ impl Pass {
     pub(super) fn widen(&mut self, split: &Split, widest: &mut Widest, codes: &mut Vec<u8>) {
         let mut along = [[0.0; LANES]; ALL];
         pulp::Arch::new().dispatch(Project { pass: self, split, along: &mut along, widest });
+        let from = codes.len();
         self.append(split, &along, codes);
+        for (lane, code) in codes[from..].iter().enumerate() {
+            let Ranges { low, high } = &mut widest.parts[usize::from(*code)];
+            for ((low, high), along) in low.iter_mut().zip(high).zip(&along) {
+                *low = low.min(along[lane]);
+                *high = high.max(along[lane]);
+            }
+        }
     }
 
     /// Appends the part that each falls into by its logarithm.

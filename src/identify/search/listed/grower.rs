@@ -3,7 +3,7 @@
 use super::cell::Cell;
 use super::cells::Table;
 use super::deviations::{Extent, Pass, Split, Splitter, Widest};
-use super::group::LANES;
+use super::singles::LANES;
 use crate::num::{Ctl, Stopped};
 use rayon::prelude::*;
 
@@ -87,7 +87,7 @@ impl Grower<'_> {
 
     /// A cluster and everything inside it; the first of the list is the cluster itself.
     fn grow(&self, members: &mut [u32], scratch: &mut [u32], first: u32, measured: Measured) -> Result<Grown, Stopped> {
-        let Measured { split, extent, codes } = measured;
+        let Measured { split, extent, codes, widest } = measured;
         let size = extent.size();
         let mut grown = vec![Cell::new(&split, &extent, first..first + members.len() as u32)];
         if members.len() <= self.leaf || (size <= SMALL && members.len() <= MOST) {
@@ -95,6 +95,8 @@ impl Grower<'_> {
         }
         let Some(counts) = sort(members, scratch, split.parts(), &codes) else { return Ok(grown) };
         drop((split, extent, codes));
+        let ranges: Vec<_> =
+            (0..counts.len()).filter(|part| counts[*part] > 0).map(|part| widest.ranges(part)).collect();
         let each: Vec<Result<Grown, Stopped>> = parts(members, scratch, &counts, first)
             .into_par_iter()
             .map(|(m, s, first)| {
@@ -103,10 +105,12 @@ impl Grower<'_> {
             })
             .collect();
         let mut children = Vec::with_capacity(each.len());
-        for tree in each {
+        for (tree, ranges) in each.into_iter().zip(&ranges) {
             let base = grown.len() as u32;
             children.push(base);
-            grown.extend(tree?.into_iter().map(|mut cell| {
+            let mut tree = tree?;
+            tree[0].set_within(&grown[0], ranges);
+            grown.extend(tree.into_iter().map(|mut cell| {
                 cell.children.iter_mut().for_each(|child| *child += base);
                 cell
             }));
@@ -177,7 +181,7 @@ impl Grower<'_> {
         };
         let (widest, codes) = self.over(members, each, join)?.unwrap_or_else(|| (Widest::none(self.lines), Vec::new()));
         let extent = Extent::new(&widest, &split);
-        Ok(Measured { split, extent, codes })
+        Ok(Measured { split, extent, codes, widest })
     }
 
     /// The part of every member, by its logarithm.
@@ -203,6 +207,7 @@ struct Measured {
     split: Split,
     extent: Extent,
     codes: Vec<u8>,
+    widest: Widest,
 }
 
 /// Sorts the members by their part; `None` where they all fall into one.

@@ -1,4 +1,4 @@
-//! Lower bounds for eight clusters of feedback controllers at once, against a block of feedforward denominators, each by itself.
+//! Lower bounds for a cluster of feedback controllers against blocks of feedforward denominators, a block in each lane.
 //!
 //! # Bound
 //! With the measured error `E = 1 − H`, the sensitivity `S = 1/(1 + G Gfb)` and the feedforward N/D, the residual at a line is
@@ -26,13 +26,26 @@
 //! best for proving that members cost more than `limit`. Any y gives a valid bound.
 //!
 //! # Rounding
-//! As in the kernel of the other tree: the computed y is orthogonal to the columns only up to γ √C times their norms, and with a positive
-//! definite Gram matrix of unit diagonal and order n the bound can lose `32 γ C (1 + √(e p/det_p) + √(e q/det_q))` for halves of p and q
-//! coefficients, where `C = 2 Σ w (|E|² (1 + |κ|)² + σ²|S|²)` and σ is the cancellation in 1 + L.
+//! The computed y is taken as it is; what matters is how far it is from orthogonal, and what the sums above lose.
+//! With unit roundoff u:
+//! - Its products with the columns are computed as well, to (2C + 14) u ‖y‖ in units of a column's length, with C lines. Of a member within the limit, the
+//!   numerator's part of the residual is no longer than `n = (‖(|E| (1 + |κ|) + |S|)‖ + √limit (1 + |κ|)) (1 + |δ|)`, and its coefficients
+//!   in those units no longer than `n √(e/det)` for a half whose Gram matrix, scaled to unit diagonal, has the determinant det (the other
+//!   eigenvalues have a product below e). That matrix and its factors err by no more than (C + 16) u in an entry, so det by that times
+//!   the square of its order.
+//! - A sum over the lines has at most 2C + 16 roundings in its terms and after each other, and 40 more follow on the way to the bound.
+//!   Nothing is lost but (4C + 72) u times the moduli that are summed: `‖y‖ (‖E − S‖ + Σ |t_m| ‖E v_m‖)` and
+//!   `‖y‖² ((1 + |κ|)² + Σ |t_m v_m|)`, each with `(1 + |δ|)²`.
+//! - The member's own response has an error of its own, as derived in `single.rs`.
 
-use super::denominators::{Block, Denominators, FREE};
-use super::group::{DIRECTIONS, FAINT, Group, LANES, field};
+use super::denominators::{Denominators, FREE, Kept};
+use super::frame::{Frame, field};
+use super::real::{Half, Packed, Real};
+use super::{DIRECTIONS, FAINT};
 use pulp::{Simd, WithSimd};
+
+/// Blocks per call: whole vectors of every kind.
+pub(super) const LANES: usize = 16;
 
 /// The largest half of a feedforward numerator that the kernel takes.
 pub(super) const LARGEST_HALF: usize = 8;
@@ -40,470 +53,549 @@ pub(super) const LARGEST_HALF: usize = 8;
 /// Rounds of coordinate descent, at first and again. More would tighten the bound a little, fewer would loosen it.
 const ROUNDS: [usize; 2] = [4, 3];
 
-type Lanes = [f64; LANES];
+/// Numbers per line of the working memory: y, |y|², g, and for each free coefficient `ȳ φ` and `2 |y|² Re φ`.
+const WORKED: usize = 5 + 3 * FREE;
 
-/// What is known about each of eight clusters (or controllers) together with a block.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Bounds {
-    /// Cost of the relaxed problem at the centre; of a single candidate its cost.
-    pub cost: Lanes,
-    /// No member costs less, rounding included; −∞ or NaN where nothing is known.
-    pub bound: Lanes,
-    /// Per lane, a bit for each denominator that may have a member within the limit.
-    pub alive: [u64; LANES],
-    /// `Σ |E − S|² w |δ|²`: how far the block extends.
-    pub extent: Lanes,
+/// The blocks of a call, side by side.
+#[derive(Debug)]
+pub(super) struct Blocks<N> {
+    /// How many lanes hold a block of their own; the others repeat the last.
+    pub filled: usize,
+    /// Whether all of them are single denominators.
+    alone: bool,
+    /// Per line: Re and Im of 1/D, largest |δ|, as in the table.
+    rows: Vec<[[N; LANES]; 3]>,
+    reach: [[N; LANES]; FREE],
+    spread: [N; LANES],
 }
 
-/// Bounds of a group of clusters with those denominators of a block that are in `mask`.
-pub(super) fn bounds(
-    group: &Group,
-    denominators: &Denominators,
-    block: &Block,
-    mask: u64,
-    limit: f64,
-    scratch: &mut Vec<f64>,
-    out: &mut Bounds,
+impl<N: Kept> Blocks<N> {
+    pub(super) fn new(lines: usize) -> Self {
+        let zero = [N::default(); LANES];
+        Self { filled: 0, alone: true, rows: vec![[zero; 3]; lines], reach: [zero; FREE], spread: zero }
+    }
+
+    pub(super) fn fill(&mut self, denominators: &Denominators, ids: impl ExactSizeIterator<Item = u32>) {
+        let table = N::table(denominators);
+        self.filled = ids.len();
+        self.alone = true;
+        for (lane, id) in ids.enumerate().take(LANES) {
+            self.alone &= denominators.blocks[id as usize].children.is_empty();
+            let (rows, reach, spread) = table.entry(id);
+            for (into, row) in self.rows.iter_mut().zip(rows) {
+                into.iter_mut().zip(row).for_each(|(into, x)| into[lane] = *x);
+            }
+            self.reach.iter_mut().zip(reach).for_each(|(into, x)| into[lane] = x);
+            self.spread[lane] = spread;
+        }
+        let last = self.filled - 1;
+        for lane in self.filled..LANES {
+            let rows = self.rows.iter_mut().flatten().chain(&mut self.reach).chain([&mut self.spread]);
+            rows.for_each(|row| row[lane] = row[last]);
+        }
+    }
+}
+
+/// What is known about the cluster together with each of the blocks.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Bounds<N> {
+    /// Cost of the relaxed problem.
+    pub cost: [N; LANES],
+    /// No member with any denominator of the block costs less, rounding included; −∞ or NaN where nothing is known.
+    pub whole: [N; LANES],
+    /// `Σ |E − S|² w |δ|²`: how far the block extends.
+    pub extent: [N; LANES],
+    /// The bound's parts, affine and quadratic in the offsets: `base − square − lost + Σ_m min over the box of slope_m t_m`.
+    pub base: [[N; LANES]; FREE + 1],
+    pub square: [[N; LANES]; 6],
+    pub slopes: [[[N; LANES]; FREE + 1]; DIRECTIONS],
+    /// Slopes along the faint directions, for all denominators of the block.
+    pub faint: [[N; LANES]; FAINT],
+    pub lost: [N; LANES],
+}
+
+/// Bounds of a cluster with some blocks.
+pub(super) fn bounds<N: Real>(
+    frame: &Frame<N>,
+    blocks: &Blocks<N>,
+    limit: N,
+    scratch: &mut Vec<N>,
+    out: &mut Bounds<N>,
 ) {
-    scratch.resize(2 * block.rows.len() * LANES, 0.0);
+    scratch.resize(WORKED * frame.lines * LANES, N::default());
     let arch = pulp::Arch::new();
     macro_rules! with {
         ($p:literal, $q:literal) => {
-            if group.extended {
-                arch.dispatch(Bound::<'_, $p, $q, DIRECTIONS> { group, denominators, block, mask, limit, scratch, out })
-            } else {
-                arch.dispatch(Bound::<'_, $p, $q, 0> { group, denominators, block, mask, limit, scratch, out })
-            }
+            arch.dispatch(Bound::<'_, N, $p, $q> { frame, blocks, limit, scratch, out })
         };
     }
-    match denominators.halves {
-        [1, 0] => with!(1, 0),
+    match frame.halves {
         [1, 1] => with!(1, 1),
         [2, 1] => with!(2, 1),
         [2, 2] => with!(2, 2),
         [3, 2] => with!(3, 2),
         [3, 3] => with!(3, 3),
-        [4, 3] => with!(4, 3),
-        [4, 4] => with!(4, 4),
         _ => with!(8, 8),
     }
 }
 
-struct Bound<'a, const P: usize, const Q: usize, const T: usize> {
-    group: &'a Group,
-    denominators: &'a Denominators,
-    block: &'a Block,
-    mask: u64,
-    limit: f64,
-    scratch: &'a mut [f64],
-    out: &'a mut Bounds,
+struct Bound<'a, N, const P: usize, const Q: usize> {
+    frame: &'a Frame<N>,
+    blocks: &'a Blocks<N>,
+    limit: N,
+    scratch: &'a mut [N],
+    out: &'a mut Bounds<N>,
 }
 
-/// The factors `G = L D Lᵀ` of one half's normal equations, from its lower triangle.
-struct Half<V, const N: usize> {
-    gram: [[V; N]; N],
-    inverse: [V; N],
-}
-
-// Indices run over rows and columns of several arrays at once.
-#[allow(clippy::needless_range_loop)]
-impl<V: Copy, const N: usize> Half<V, N> {
-    /// Factors in place: L below the diagonal. Returns the determinant of G scaled to unit diagonal.
-    #[inline(always)]
-    fn factor<S: Simd<f64s = V>>(&mut self, simd: S, n: usize) -> V {
-        let one = simd.splat_f64s(1.0);
-        let mut determinant = one;
-        for j in 0..n {
-            let diagonal = self.gram[j][j];
-            let mut pivot = diagonal;
-            for k in 0..j {
-                pivot = simd.negate_mul_add_e_f64s(self.gram[j][k], self.gram[k][j], pivot);
-            }
-            self.inverse[j] = simd.div_f64s(one, pivot);
-            determinant = simd.mul_f64s(determinant, simd.div_f64s(pivot, diagonal));
-            for i in j + 1..n {
-                let mut entry = self.gram[i][j];
-                for k in 0..j {
-                    entry = simd.negate_mul_add_e_f64s(self.gram[i][k], self.gram[k][j], entry);
-                }
-                // L D above the diagonal, for the steps that follow.
-                self.gram[j][i] = entry;
-                self.gram[i][j] = simd.mul_f64s(entry, self.inverse[j]);
-            }
-        }
-        determinant
-    }
-
-    /// `L⁻¹ r`, in place.
-    #[inline(always)]
-    fn forward<S: Simd<f64s = V>>(&self, simd: S, n: usize, r: &mut [V; N]) {
-        for i in 0..n {
-            for j in 0..i {
-                r[i] = simd.negate_mul_add_e_f64s(self.gram[i][j], r[j], r[i]);
-            }
-        }
-    }
-
-    /// `L⁻ᵀ D⁻¹ r`, in place.
-    #[inline(always)]
-    fn backward<S: Simd<f64s = V>>(&self, simd: S, n: usize, r: &mut [V; N]) {
-        for i in (0..n).rev() {
-            r[i] = simd.mul_f64s(r[i], self.inverse[i]);
-            for j in i + 1..n {
-                r[i] = simd.negate_mul_add_e_f64s(self.gram[j][i], r[j], r[i]);
-            }
-        }
-    }
-
-    /// `Σ a D⁻¹ b` taken from `sum`.
-    #[inline(always)]
-    fn reduce<S: Simd<f64s = V>>(&self, simd: S, n: usize, a: &[V; N], b: &[V; N], mut sum: V) -> V {
-        for i in 0..n {
-            sum = simd.negate_mul_add_e_f64s(simd.mul_f64s(a[i], b[i]), self.inverse[i], sum);
-        }
-        sum
-    }
-}
-
-/// Adds `2 Re ȳ z (1 + δ)` as an affine form of the block's offsets; of a block of one only what does not depend on them.
-// A function and no closure, so that it is inlined where the instructions are known.
+/// A vector of the lanes.
 #[inline(always)]
-fn form<S: Simd>(
-    simd: S,
-    y: (S::f64s, S::f64s),
-    z: (S::f64s, S::f64s),
-    directions: &[(S::f64s, S::f64s); FREE],
-    alone: bool,
-    into: &mut [S::f64s; FREE + 1],
-) {
-    let re = simd.mul_add_e_f64s(y.1, z.1, simd.mul_f64s(y.0, z.0));
-    let re = simd.add_f64s(re, re);
-    into[0] = simd.add_f64s(into[0], re);
-    if !alone {
-        let im = simd.negate_mul_add_e_f64s(y.1, z.0, simd.mul_f64s(y.0, z.1));
-        let im = simd.add_f64s(im, im);
-        for (into, phi) in into[1..].iter_mut().zip(directions) {
-            *into = simd.mul_add_e_f64s(re, phi.0, simd.negate_mul_add_e_f64s(im, phi.1, *into));
+fn vector<S: Simd, N: Real>(simd: S, lanes: &[N; LANES], v: usize) -> Packed<S, N> {
+    let vectors = N::vectors::<S>(lanes);
+    // A power of two, and v is below: the compiler does not know, and would check.
+    Packed::new(simd, vectors[v & (vectors.len() - 1)])
+}
+
+/// The relaxed problem of a vector of lanes: the numerator eliminated, a quadratic function of t remains.
+struct Relaxed<V, const P: usize, const Q: usize> {
+    even: Half<V, P>,
+    odd: Half<V, Q>,
+    /// Squares of the columns' lengths.
+    columns: ([V; P], [V; Q]),
+    determinants: [V; 2],
+    /// Right sides of the centre, and along each direction, reduced.
+    centre: ([V; P], [V; Q]),
+    along: ([[V; P]; DIRECTIONS], [[V; Q]; DIRECTIONS]),
+    hessian: [[V; DIRECTIONS]; DIRECTIONS],
+    inverse: [V; DIRECTIONS],
+    slope: [V; DIRECTIONS],
+    t: [V; DIRECTIONS],
+}
+
+#[allow(clippy::needless_range_loop)]
+impl<S: Simd, N: Real, const P: usize, const Q: usize> Relaxed<Packed<S, N>, P, Q> {
+    #[inline(always)]
+    fn none(simd: S) -> Self {
+        let zero = Packed::of(simd, N::default());
+        Self {
+            even: Half { gram: [[zero; P]; P], inverse: [zero; P] },
+            odd: Half { gram: [[zero; Q]; Q], inverse: [zero; Q] },
+            columns: ([zero; P], [zero; Q]),
+            determinants: [zero; 2],
+            centre: ([zero; P], [zero; Q]),
+            along: ([[zero; P]; DIRECTIONS], [[zero; Q]; DIRECTIONS]),
+            hessian: [[zero; DIRECTIONS]; DIRECTIONS],
+            inverse: [zero; DIRECTIONS],
+            slope: [zero; DIRECTIONS],
+            t: [zero; DIRECTIONS],
+        }
+    }
+
+    /// The best t_i with all others fixed.
+    #[inline(always)]
+    fn step(&mut self, i: usize, low: Packed<S, N>, high: Packed<S, N>) {
+        let mut sum = self.slope[i];
+        // What has just changed comes last, so that the rest need not wait for it.
+        for j in i + 1..DIRECTIONS {
+            sum = self.hessian[i][j].times_plus(self.t[j], sum);
+        }
+        for j in 0..i {
+            sum = self.hessian[i][j].times_plus(self.t[j], sum);
+        }
+        self.t[i] = (sum * self.inverse[i]).max(low).min(high);
+    }
+}
+
+/// What the residual of a relaxed problem sums up to.
+struct Summed<V> {
+    cost: V,
+    extent: V,
+    /// `Σ |r|² Re v_m`.
+    lean: [V; DIRECTIONS],
+}
+
+// Indices run over several arrays at once.
+#[allow(clippy::needless_range_loop)]
+impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
+    #[inline(always)]
+    fn halves(&self) -> (usize, usize) {
+        if P == LARGEST_HALF { (self.frame.halves[0], self.frame.halves[1]) } else { (P, Q) }
+    }
+
+    /// Per line: the cluster, the basis functions, the blocks.
+    #[inline(always)]
+    fn lines(&self) -> impl Iterator<Item = ((&[N; field::COUNT], &[N]), &[[N; LANES]; 3])> {
+        let (p, q) = self.halves();
+        self.frame.rows.iter().zip(self.frame.functions.chunks_exact(p + q)).zip(&self.blocks.rows)
+    }
+
+    /// Products of the columns with what is at a field, once turned by the conjugate of SG.
+    #[inline(always)]
+    fn products<S: Simd>(&self, simd: S, at: usize, v: usize) -> ([Packed<S, N>; P], [Packed<S, N>; Q]) {
+        let zero = Packed::of(simd, N::default());
+        let (p, q) = self.halves();
+        let (mut even, mut odd) = ([zero; P], [zero; Q]);
+        for ((row, functions), block) in self.lines() {
+            let (i_re, i_im) = (vector(simd, &block[0], v), vector(simd, &block[1], v));
+            let (c_re, c_im) = (Packed::of(simd, row[at]), Packed::of(simd, row[at + 1]));
+            let re = i_re.times_plus(c_re, i_im * c_im);
+            let im = i_im.times_from(c_re, i_re * c_im);
+            for i in 0..p {
+                even[i] = re.times_plus(Packed::of(simd, functions[i]), even[i]);
+            }
+            for i in 0..q {
+                odd[i] = im.times_plus(Packed::of(simd, functions[p + i]), odd[i]);
+            }
+        }
+        (even, odd)
+    }
+
+    #[inline(always)]
+    fn relax<S: Simd>(&self, simd: S, v: usize) -> Relaxed<Packed<S, N>, P, Q> {
+        let zero = Packed::of(simd, N::default());
+        let (p, q) = self.halves();
+        let mut even = Half { gram: [[zero; P]; P], inverse: [zero; P] };
+        let mut odd = Half { gram: [[zero; Q]; Q], inverse: [zero; Q] };
+        let width = (p * (p + 1) + q * (q + 1)) / 2;
+        for (products, block) in self.frame.products.chunks_exact(width).zip(&self.blocks.rows) {
+            let (i_re, i_im) = (vector(simd, &block[0], v), vector(simd, &block[1], v));
+            let u = i_re.times_plus(i_re, i_im * i_im);
+            let mut n = 0;
+            for i in 0..p {
+                for j in 0..=i {
+                    even.gram[i][j] = u.times_plus(Packed::of(simd, products[n]), even.gram[i][j]);
+                    n += 1;
+                }
+            }
+            for i in 0..q {
+                for j in 0..=i {
+                    odd.gram[i][j] = u.times_plus(Packed::of(simd, products[n]), odd.gram[i][j]);
+                    n += 1;
+                }
+            }
+        }
+        let mut columns = ([zero; P], [zero; Q]);
+        for i in 0..p {
+            columns.0[i] = even.gram[i][i];
+        }
+        for i in 0..q {
+            columns.1[i] = odd.gram[i][i];
+        }
+        let determinants = [even.factor(simd, p), odd.factor(simd, q)];
+        let reduced = |(mut e, mut o): ([Packed<S, N>; P], [Packed<S, N>; Q])| {
+            even.forward(p, &mut e);
+            odd.forward(q, &mut o);
+            (e, o)
+        };
+        let centre = reduced(self.products(simd, field::TURNED_B, v));
+        let mut along = ([[zero; P]; DIRECTIONS], [[zero; Q]; DIRECTIONS]);
+        let mut hessian = [[zero; DIRECTIONS]; DIRECTIONS];
+        let (mut slope, mut inverse) = ([zero; DIRECTIONS], [zero; DIRECTIONS]);
+        let least = Packed::of(simd, N::nearest(1e-14));
+        let mut n = 0;
+        for i in 0..DIRECTIONS {
+            let (e, o) = reduced(self.products(simd, field::TURNED_A + 2 * i, v));
+            (along.0[i], along.1[i]) = (e, o);
+            let (mut over_e, mut over_o) = (e, o);
+            for k in 0..p {
+                over_e[k] = over_e[k] * even.inverse[k];
+            }
+            for k in 0..q {
+                over_o[k] = over_o[k] * odd.inverse[k];
+            }
+            let reduce = |mut sum: Packed<S, N>, e: &[Packed<S, N>; P], o: &[Packed<S, N>; Q]| {
+                for k in 0..p {
+                    sum = over_e[k].times_from(e[k], sum);
+                }
+                for k in 0..q {
+                    sum = over_o[k].times_from(o[k], sum);
+                }
+                sum
+            };
+            slope[i] = reduce(Packed::of(simd, self.frame.right[i]), &centre.0, &centre.1);
+            for j in 0..=i {
+                let entry = reduce(Packed::of(simd, self.frame.gram[n]), &along.0[j], &along.1[j]);
+                n += 1;
+                (hessian[i][j], hessian[j][i]) = (entry, entry);
+            }
+            inverse[i] = Packed::of(simd, N::nearest(-1.0)).over(hessian[i][i].max(least));
+        }
+        let t = [zero; DIRECTIONS];
+        Relaxed { even, odd, columns, determinants, centre, along, hessian, inverse, slope, t }
+    }
+
+    /// Coordinate descent over the box, for two vectors in turns so that neither waits for itself.
+    #[inline(always)]
+    fn descend<S: Simd>(&self, simd: S, of: &mut [Relaxed<Packed<S, N>, P, Q>], rounds: usize) {
+        if let [one, other] = of {
+            for _ in 0..rounds {
+                for i in 0..DIRECTIONS {
+                    let (low, high) = (Packed::of(simd, self.frame.low[i]), Packed::of(simd, self.frame.high[i]));
+                    one.step(i, low, high);
+                    other.step(i, low, high);
+                }
+            }
+        } else if let [one] = of {
+            for _ in 0..rounds {
+                for i in 0..DIRECTIONS {
+                    let (low, high) = (Packed::of(simd, self.frame.low[i]), Packed::of(simd, self.frame.high[i]));
+                    one.step(i, low, high);
+                }
+            }
+        }
+    }
+
+    /// Leaves the residual in the working memory.
+    #[inline(always)]
+    fn residual<S: Simd>(
+        &self,
+        simd: S,
+        v: usize,
+        of: &Relaxed<Packed<S, N>, P, Q>,
+        worked: &mut [N::Vector<S>],
+    ) -> Summed<Packed<S, N>> {
+        let zero = Packed::of(simd, N::default());
+        let (p, q) = self.halves();
+        let (mut even, mut odd) = of.centre;
+        for m in 0..DIRECTIONS {
+            for i in 0..p {
+                even[i] = of.along.0[m][i].times_plus(of.t[m], even[i]);
+            }
+            for i in 0..q {
+                odd[i] = of.along.1[m][i].times_plus(of.t[m], odd[i]);
+            }
+        }
+        of.even.backward(p, &mut even);
+        of.odd.backward(q, &mut odd);
+        let mut sums = Summed { cost: zero, extent: zero, lean: [zero; DIRECTIONS] };
+        for (((row, functions), block), worked) in self.lines().zip(worked.chunks_exact_mut(WORKED)) {
+            let (i_re, i_im) = (vector(simd, &block[0], v), vector(simd, &block[1], v));
+            let radius = vector(simd, &block[2], v);
+            let (mut n_re, mut n_im) = (zero, zero);
+            for i in 0..p {
+                n_re = even[i].times_plus(Packed::of(simd, functions[i]), n_re);
+            }
+            for i in 0..q {
+                n_im = odd[i].times_plus(Packed::of(simd, functions[p + i]), n_im);
+            }
+            let (q_re, q_im) = (i_im.times_from(n_im, i_re * n_re), i_im.times_plus(n_re, i_re * n_im));
+            let (s_re, s_im) = (Packed::of(simd, row[field::SG]), Packed::of(simd, row[field::SG + 1]));
+            let (b_re, b_im) = (Packed::of(simd, row[field::B]), Packed::of(simd, row[field::B + 1]));
+            sums.extent = (radius * radius).times_plus(b_re.times_plus(b_re, b_im * b_im), sums.extent);
+            let mut r_re = s_im.times_plus(q_im, s_re.times_from(q_re, b_re));
+            let mut r_im = s_im.times_from(q_re, s_re.times_from(q_im, b_im));
+            for m in 0..DIRECTIONS {
+                r_re = of.t[m].times_plus(Packed::of(simd, row[field::A + 2 * m]), r_re);
+                r_im = of.t[m].times_plus(Packed::of(simd, row[field::A + 2 * m + 1]), r_im);
+            }
+            let square = r_re.times_plus(r_re, r_im * r_im);
+            sums.cost = sums.cost + square;
+            for (m, lean) in sums.lean.iter_mut().enumerate() {
+                *lean = square.times_plus(Packed::of(simd, row[field::REAL + m]), *lean);
+            }
+            (worked[0], worked[1]) = (r_re.x, r_im.x);
+        }
+        sums
+    }
+
+    /// The bound, from the residual in the working memory.
+    #[inline(always)]
+    #[allow(clippy::too_many_lines)]
+    fn conclude<S: Simd>(
+        &mut self,
+        simd: S,
+        v: usize,
+        of: &Relaxed<Packed<S, N>, P, Q>,
+        sums: &Summed<Packed<S, N>>,
+        worked: &mut [N::Vector<S>],
+    ) {
+        let number = |x: f64| Packed::<S, N>::of(simd, N::nearest(x));
+        let zero = number(0.0);
+        let (p, q) = self.halves();
+        let lines = self.frame.lines;
+        let alone = self.blocks.alone;
+        let limit = Packed::of(simd, self.limit);
+        let floor = sums.cost.max(number(1e-35));
+        let alpha = number(1.0).min(limit.over(floor).root());
+        let (mut base, mut square) = ([zero; FREE + 1], [zero; 6]);
+        let (mut left, mut lost, mut crossed) = (zero, zero, zero);
+        let mut leaks = ([zero; P], [zero; Q]);
+        let rows = self.lines().zip(&self.frame.tangents).zip(worked.chunks_exact_mut(WORKED));
+        for ((((row, functions), block), tangents), worked) in rows {
+            let (y_re, y_im) = (alpha * Packed::new(simd, worked[0]), alpha * Packed::new(simd, worked[1]));
+            let y2 = y_re.times_plus(y_re, y_im * y_im);
+            let (b_re, b_im) = (Packed::of(simd, row[field::B]), Packed::of(simd, row[field::B + 1]));
+            base[0] = y_re.times_plus(b_re, y_im.times_plus(b_im, base[0]));
+            square[0] = square[0] + y2;
+            let (i_re, i_im) = (vector(simd, &block[0], v), vector(simd, &block[1], v));
+            // How far y is from orthogonal.
+            let (s_re, s_im) = (Packed::of(simd, row[field::SG]), Packed::of(simd, row[field::SG + 1]));
+            let (w_re, w_im) = (s_re.times_plus(y_re, s_im * y_im), s_im.times_from(y_re, s_re * y_im));
+            let (z_re, z_im) = (i_re.times_plus(w_re, i_im * w_im), i_im.times_from(w_re, i_re * w_im));
+            for i in 0..p {
+                leaks.0[i] = z_re.times_plus(Packed::of(simd, functions[i]), leaks.0[i]);
+            }
+            for i in 0..q {
+                leaks.1[i] = z_im.times_plus(Packed::of(simd, functions[p + i]), leaks.1[i]);
+            }
+            let (e_re, e_im) = (Packed::of(simd, row[field::E]) - y_re, Packed::of(simd, row[field::E + 1]) - y_im);
+            let (g_re, g_im) = (y_re.times_plus(e_re, y_im * e_im), y_im.times_from(e_re, y_re * e_im));
+            let g2 = g_re.times_plus(g_re, g_im * g_im);
+            left = g2.times_plus(Packed::of(simd, row[field::SCALE]), left);
+            let (kappa, rest) = (Packed::of(simd, row[field::RADIUS]), Packed::of(simd, row[field::REMAINDER]));
+            let delta = vector(simd, &block[2], v);
+            let more = number(1.0) + delta;
+            let whole = more * kappa;
+            lost = y2.times_plus(whole * whole, lost);
+            worked[..5].copy_from_slice(&[y_re.x, y_im.x, y2.x, g_re.x, g_im.x]);
+            if alone {
+                continue;
+            }
+            let twice = delta + delta;
+            let more = (twice * delta).times_plus(kappa + rest, twice * (rest * more));
+            lost = y2.times_plus(more, lost);
+            let crossed_here = rest * delta;
+            crossed = g2.times_plus(crossed_here * crossed_here, crossed);
+            let mut phi = [(zero, zero); FREE];
+            for (c, phi) in phi.iter_mut().enumerate() {
+                let [re, im] = tangents[c].map(|x| Packed::of(simd, x));
+                *phi = (i_im.times_from(im, i_re * re), i_im.times_plus(re, i_re * im));
+                let h_re = y_re.times_plus(phi.0, y_im * phi.1);
+                let h_im = y_im.times_from(phi.0, y_re * phi.1);
+                let x = y2 * phi.0;
+                let x = x + x;
+                base[c + 1] = h_re.times_plus(b_re, h_im.times_from(b_im, base[c + 1]));
+                square[c + 1] = square[c + 1] + x;
+                worked[5 + 3 * c..8 + 3 * c].copy_from_slice(&[h_re.x, h_im.x, x.x]);
+            }
+            let [(a_re, a_im), (c_re, c_im)] = phi;
+            square[3] = y2.times_plus(a_re.times_plus(a_re, a_im * a_im), square[3]);
+            square[4] = (y2 + y2).times_plus(a_re.times_plus(c_re, a_im * c_im), square[4]);
+            square[5] = y2.times_plus(c_re.times_plus(c_re, c_im * c_im), square[5]);
+        }
+        let mut slopes = [[zero; FREE + 1]; DIRECTIONS];
+        for (m, slopes) in slopes.iter_mut().enumerate() {
+            for (row, y) in self.frame.rows.iter().zip(worked.chunks_exact(WORKED)) {
+                let (a_re, a_im) =
+                    (Packed::of(simd, row[field::A + 2 * m]), Packed::of(simd, row[field::A + 2 * m + 1]));
+                let real = Packed::of(simd, row[field::REAL + m]);
+                // Re ȳ E v − |y|² Re v
+                slopes[0] = Packed::new(simd, y[0]).times_plus(a_re, slopes[0]);
+                slopes[0] = Packed::new(simd, y[1]).times_plus(a_im, slopes[0]);
+                slopes[0] = Packed::new(simd, y[2]).times_from(real, slopes[0]);
+                if !alone {
+                    for c in 0..FREE {
+                        let at = 5 + 3 * c;
+                        slopes[c + 1] = Packed::new(simd, y[at]).times_plus(a_re, slopes[c + 1]);
+                        slopes[c + 1] = Packed::new(simd, y[at + 1]).times_from(a_im, slopes[c + 1]);
+                        slopes[c + 1] = Packed::new(simd, y[at + 2]).times_from(real, slopes[c + 1]);
+                    }
+                }
+            }
+            for slope in slopes {
+                *slope = *slope + *slope;
+            }
+        }
+        let mut faint = [zero; FAINT];
+        for (c, faint) in faint.iter_mut().enumerate() {
+            for (row, g) in self.frame.rows.iter().zip(worked.chunks_exact(WORKED)) {
+                let (g_re, g_im) = (Packed::<S, N>::new(simd, g[3]), Packed::new(simd, g[4]));
+                *faint = g_re.times_plus(Packed::of(simd, row[field::FAINT + 2 * c]), *faint);
+                *faint = g_im.times_from(Packed::of(simd, row[field::FAINT + 2 * c + 1]), *faint);
+            }
+            *faint = *faint + *faint;
+        }
+        for base in &mut base {
+            *base = *base + *base;
+        }
+
+        // What is lost: the rest, and by rounding.
+        let u = N::ROUNDOFF;
+        let one_more = number(1.0 + 64.0 * u);
+        // Σ r |δ| |g| over the lines, by its root mean square.
+        let crossed = number((lines as f64).sqrt()) * crossed.root();
+        let left = Packed::of(simd, self.frame.reach).times_plus(left.root(), crossed);
+        lost = (lost + (left + left)) * one_more;
+        let spread = vector(simd, &self.blocks.spread, v);
+        let length = square[0].root();
+        let size =
+            Packed::of(simd, self.frame.most).times_plus(limit.root(), Packed::of(simd, self.frame.size)) * spread;
+        let mut leaked = number(1.0) * Packed::of(simd, self.frame.slack);
+        let halves = [(p, &leaks.0[..], &of.columns.0[..]), (q, &leaks.1[..], &of.columns.1[..])];
+        for ((n, leaks, columns), determinant) in halves.into_iter().zip(of.determinants) {
+            let order = n as f64;
+            let mut leak = zero;
+            for i in 0..n {
+                leak = (leaks[i] * leaks[i]).over(columns[i]) + leak;
+            }
+            let least = (determinant - number((lines as f64 + 16.0) * u * order * order)).max(number(1e-30));
+            let condition = number(std::f64::consts::E).over(least).root();
+            let off = number((2.0 * lines as f64 + 14.0) * u * order.sqrt()).times_plus(length, leak.root());
+            leaked = (size * condition).times_plus(off + off, leaked);
+            leaked = (Packed::of(simd, self.frame.slack) * number(order.sqrt())).times_plus(condition, leaked);
+        }
+        let terms =
+            length.times_plus(Packed::of(simd, self.frame.magnitude), square[0] * Packed::of(simd, self.frame.second));
+        lost = lost + (number((4.0 * lines as f64 + 72.0) * u) * spread * spread).times_plus(terms, leaked);
+
+        // All denominators and the whole box together: most blocks end here.
+        let reach: [Packed<S, N>; FREE] = std::array::from_fn(|c| vector(simd, &self.blocks.reach[c], v));
+        let tilt = |a: Packed<S, N>, b: Packed<S, N>| a.modulus().times_plus(reach[0], b.modulus() * reach[1]);
+        let mut whole = base[0] - square[0] - lost - tilt(base[1] - square[1], base[2] - square[2]);
+        whole = (reach[0] * reach[0]).times_from(square[3], whole);
+        whole = (reach[0] * reach[1]).times_from(square[4].modulus(), whole);
+        whole = (reach[1] * reach[1]).times_from(square[5], whole);
+        for m in 0..DIRECTIONS + FAINT {
+            let (low, high) = (Packed::of(simd, self.frame.low[m]), Packed::of(simd, self.frame.high[m]));
+            if m < DIRECTIONS {
+                let [centre, a, b] = slopes[m];
+                let furthest = low.modulus().max(high.modulus());
+                whole = whole + tilt(a, b).times_from(furthest, (centre * low).min(centre * high));
+            } else {
+                let slope = faint[m - DIRECTIONS];
+                whole = whole + (slope * low).min(slope * high);
+            }
+        }
+        let put = |into: &mut [N; LANES], x: Packed<S, N>| N::vectors_mut::<S>(into)[v] = x.x;
+        put(&mut self.out.cost, sums.cost);
+        put(&mut self.out.extent, sums.extent);
+        put(&mut self.out.whole, whole);
+        put(&mut self.out.lost, lost);
+        self.out.base.iter_mut().zip(base).for_each(|(into, x)| put(into, x));
+        self.out.square.iter_mut().zip(square).for_each(|(into, x)| put(into, x));
+        self.out.faint.iter_mut().zip(faint).for_each(|(into, x)| put(into, x));
+        for (into, slopes) in self.out.slopes.iter_mut().zip(slopes) {
+            into.iter_mut().zip(slopes).for_each(|(into, x)| put(into, x));
         }
     }
 }
 
-impl<const P: usize, const Q: usize, const T: usize> WithSimd for Bound<'_, P, Q, T> {
+impl<N: Real, const P: usize, const Q: usize> WithSimd for Bound<'_, N, P, Q> {
     type Output = ();
 
     #[inline(always)]
-    #[allow(clippy::needless_range_loop, clippy::too_many_lines)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Self { group, denominators, block, mask, limit, scratch, out } = self;
-        let general = P == LARGEST_HALF;
-        let (p, q) = if general { (denominators.halves[0], denominators.halves[1]) } else { (P, Q) };
-        let width = (p * (p + 1) + q * (q + 1)) / 2;
-        let vectors = S::as_simd_f64s(&group.slack).0.len();
-        let mul = |a, b| simd.mul_f64s(a, b);
-        let add = |a, b| simd.add_f64s(a, b);
-        let sub = |a, b| simd.sub_f64s(a, b);
-        let fma = |a, b, c| simd.mul_add_e_f64s(a, b, c);
-        let nfma = |a, b, c| simd.negate_mul_add_e_f64s(a, b, c);
-        let splat = |x| simd.splat_f64s(x);
-        let zero = splat(0.0);
-        let limits = splat(limit);
-        let (residual, _) = S::as_mut_simd_f64s(scratch);
-        for v in 0..vectors {
-            let rows =
-                |k: usize| S::as_simd_f64s(&group.fields[k * field::COUNT * LANES..(k + 1) * field::COUNT * LANES]).0;
-            let mut even = Half::<S::f64s, P> { gram: [[zero; P]; P], inverse: [zero; P] };
-            let mut odd = Half::<S::f64s, Q> { gram: [[zero; Q]; Q], inverse: [zero; Q] };
-            let (mut even_b, mut odd_b) = ([zero; P], [zero; Q]);
-            let (mut even_a, mut odd_a) = ([[zero; P]; T], [[zero; Q]; T]);
-            for (k, d) in block.rows.iter().enumerate() {
-                let row = rows(k);
-                let at = |field: usize| row[field * vectors + v];
-                let products = &block.products[k * width..(k + 1) * width];
-                let functions = &denominators.functions[k * (p + q)..(k + 1) * (p + q)];
-                let (s_re, s_im) = (at(field::SG_RE), at(field::SG_IM));
-                let (i_re, i_im) = (splat(d.inverse.re), splat(d.inverse.im));
-                let (c_re, c_im) = (nfma(s_im, i_im, mul(s_re, i_re)), fma(s_im, i_re, mul(s_re, i_im)));
-                let weight = fma(s_re, s_re, mul(s_im, s_im));
-                let mut n = 0;
-                for i in 0..p {
-                    for j in 0..=i {
-                        even.gram[i][j] = fma(weight, splat(products[n]), even.gram[i][j]);
-                        n += 1;
-                    }
-                }
-                for i in 0..q {
-                    for j in 0..=i {
-                        odd.gram[i][j] = fma(weight, splat(products[n]), odd.gram[i][j]);
-                        n += 1;
-                    }
-                }
-                // conj(c) z: the real half sees its real part, the imaginary half its imaginary part.
-                let turned = |z_re, z_im| (fma(c_im, z_im, mul(c_re, z_re)), nfma(c_im, z_re, mul(c_re, z_im)));
-                let (z_re, z_im) = turned(at(field::B_RE), at(field::B_IM));
-                for i in 0..p {
-                    even_b[i] = fma(z_re, splat(functions[i]), even_b[i]);
-                }
-                for i in 0..q {
-                    odd_b[i] = fma(z_im, splat(functions[p + i]), odd_b[i]);
-                }
-                for m in 0..T {
-                    let (z_re, z_im) = turned(at(field::DIRECTIONS + 3 * m + 1), at(field::DIRECTIONS + 3 * m + 2));
-                    for i in 0..p {
-                        even_a[m][i] = fma(z_re, splat(functions[i]), even_a[m][i]);
-                    }
-                    for i in 0..q {
-                        odd_a[m][i] = fma(z_im, splat(functions[p + i]), odd_a[m][i]);
-                    }
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        let scratch = std::mem::take(&mut self.scratch);
+        let worked = N::vectors_mut::<S>(scratch);
+        let vectors = N::vectors::<S>(&self.out.cost).len();
+        let used = self.blocks.filled.div_ceil(LANES / vectors);
+        for first in (0..used).step_by(2) {
+            let second = (first + 1).min(used - 1);
+            let mut relaxed = [Relaxed::none(simd), Relaxed::none(simd)];
+            for v in first..=second {
+                relaxed[v - first] = self.relax(simd, v);
+            }
+            self.descend(simd, &mut relaxed[..=second - first], ROUNDS[0]);
+            for v in first..=second {
+                let lean = self.residual(simd, v, &relaxed[v - first], worked).lean;
+                for (slope, lean) in relaxed[v - first].slope.iter_mut().zip(lean) {
+                    *slope = *slope - lean;
                 }
             }
-            let determinants = [even.factor(simd, p), odd.factor(simd, q)];
-            even.forward(simd, p, &mut even_b);
-            odd.forward(simd, q, &mut odd_b);
-            // The relaxed problem over the box: minimise tᵀ H t + 2 gᵀ t, less what the numerator takes.
-            let mut t = [zero; T];
-            let mut hessian = [[zero; T]; T];
-            let mut slope = [zero; T];
-            let mut inverse = [zero; T];
-            if T > 0 {
-                let mut n = 0;
-                for i in 0..T {
-                    even.forward(simd, p, &mut even_a[i]);
-                    odd.forward(simd, q, &mut odd_a[i]);
-                    let right = S::as_simd_f64s(&group.right[i]).0[v];
-                    let right = even.reduce(simd, p, &even_a[i], &even_b, right);
-                    slope[i] = odd.reduce(simd, q, &odd_a[i], &odd_b, right);
-                    for j in 0..=i {
-                        let entry = S::as_simd_f64s(&group.gram[n]).0[v];
-                        n += 1;
-                        let entry = even.reduce(simd, p, &even_a[i], &even_a[j], entry);
-                        let entry = odd.reduce(simd, q, &odd_a[i], &odd_a[j], entry);
-                        (hessian[i][j], hessian[j][i]) = (entry, entry);
-                    }
-                    inverse[i] = simd.div_f64s(splat(1.0), simd.max_f64s(hessian[i][i], splat(1e-14)));
-                }
+            self.descend(simd, &mut relaxed[..=second - first], ROUNDS[1]);
+            for v in first..=second {
+                let sums = self.residual(simd, v, &relaxed[v - first], worked);
+                self.conclude(simd, v, &relaxed[v - first], &sums, worked);
             }
-            let (mut cost, mut extent) = (zero, zero);
-            for &rounds in if T > 0 { &ROUNDS[..] } else { &ROUNDS[..1] } {
-                for _ in 0..rounds {
-                    for i in 0..T {
-                        let mut sum = slope[i];
-                        // What has just changed comes last, so that the rest need not wait for it.
-                        for j in i + 1..T {
-                            sum = fma(hessian[i][j], t[j], sum);
-                        }
-                        for j in 0..i {
-                            sum = fma(hessian[i][j], t[j], sum);
-                        }
-                        let (low, high) = (S::as_simd_f64s(&group.low[i]).0[v], S::as_simd_f64s(&group.high[i]).0[v]);
-                        t[i] = simd.min_f64s(simd.max_f64s(nfma(sum, inverse[i], zero), low), high);
-                    }
-                }
-                let (mut even_n, mut odd_n) = (even_b, odd_b);
-                for m in 0..T {
-                    for i in 0..p {
-                        even_n[i] = fma(even_a[m][i], t[m], even_n[i]);
-                    }
-                    for i in 0..q {
-                        odd_n[i] = fma(odd_a[m][i], t[m], odd_n[i]);
-                    }
-                }
-                even.backward(simd, p, &mut even_n);
-                odd.backward(simd, q, &mut odd_n);
-                // Its residual.
-                (cost, extent) = (zero, zero);
-                let mut lean = [zero; T];
-                for (k, d) in block.rows.iter().enumerate() {
-                    let row = rows(k);
-                    let at = |field: usize| row[field * vectors + v];
-                    let functions = &denominators.functions[k * (p + q)..(k + 1) * (p + q)];
-                    let (mut n_re, mut n_im) = (zero, zero);
-                    for i in 0..p {
-                        n_re = fma(even_n[i], splat(functions[i]), n_re);
-                    }
-                    for i in 0..q {
-                        n_im = fma(odd_n[i], splat(functions[p + i]), n_im);
-                    }
-                    let (i_re, i_im) = (splat(d.inverse.re), splat(d.inverse.im));
-                    let (q_re, q_im) = (nfma(i_im, n_im, mul(i_re, n_re)), fma(i_im, n_re, mul(i_re, n_im)));
-                    let (s_re, s_im) = (at(field::SG_RE), at(field::SG_IM));
-                    let (b_re, b_im) = (at(field::B_RE), at(field::B_IM));
-                    extent = fma(splat(d.radius * d.radius), fma(b_re, b_re, mul(b_im, b_im)), extent);
-                    let mut r_re = fma(s_im, q_im, nfma(s_re, q_re, b_re));
-                    let mut r_im = nfma(s_im, q_re, nfma(s_re, q_im, b_im));
-                    for m in 0..T {
-                        r_re = fma(at(field::DIRECTIONS + 3 * m + 1), t[m], r_re);
-                        r_im = fma(at(field::DIRECTIONS + 3 * m + 2), t[m], r_im);
-                    }
-                    let square = fma(r_re, r_re, mul(r_im, r_im));
-                    cost = add(cost, square);
-                    for (m, lean) in lean.iter_mut().enumerate() {
-                        *lean = fma(square, at(field::DIRECTIONS + 3 * m), *lean);
-                    }
-                    residual[(2 * k) * vectors + v] = r_re;
-                    residual[(2 * k + 1) * vectors + v] = r_im;
-                }
-                for (slope, lean) in slope.iter_mut().zip(lean) {
-                    *slope = sub(*slope, lean);
-                }
-            }
-            let condition = {
-                let of = |n: usize, determinant| {
-                    simd.sqrt_f64s(simd.div_f64s(splat(n as f64 * std::f64::consts::E), determinant))
-                };
-                let positive = simd.and_m64s(
-                    simd.greater_than_f64s(determinants[0], zero),
-                    simd.greater_than_f64s(determinants[1], zero),
-                );
-                let sum = add(of(p, determinants[0]), of(q, determinants[1]));
-                simd.select_f64s(positive, add(splat(1.0), sum), splat(f64::INFINITY))
-            };
-            let slack = mul(S::as_simd_f64s(&group.slack).0[v], condition);
-            S::as_mut_simd_f64s(&mut out.cost).0[v] = cost;
-            let alive = &mut S::as_mut_simd_u64s(&mut out.alive).0[v];
-            let bits = |dead, bit: u64| simd.select_u64s(dead, simd.splat_u64s(0), simd.splat_u64s(bit));
-            let alone = block.children.is_empty();
-            if T == 0 && alone {
-                let bound = sub(cost, slack);
-                S::as_mut_simd_f64s(&mut out.bound).0[v] = bound;
-                *alive = bits(simd.greater_than_f64s(bound, limits), mask);
-                continue;
-            }
-
-            S::as_mut_simd_f64s(&mut out.extent).0[v] = extent;
-            // Where every relaxed cost is within the limit nothing can be proven.
-            let hopeless = simd.less_than_or_equal_f64s(cost, limits);
-            if simd.first_true_m64s(simd.not_m64s(hopeless)) >= LANES / vectors {
-                S::as_mut_simd_f64s(&mut out.bound).0[v] = splat(f64::NEG_INFINITY);
-                *alive = simd.splat_u64s(mask);
-                continue;
-            }
-            let floor = simd.max_f64s(cost, splat(f64::MIN_POSITIVE));
-            let alpha = simd.min_f64s(splat(1.0), simd.sqrt_f64s(simd.div_f64s(limits, floor)));
-            let mut base = [zero; FREE + 1];
-            let mut square = [zero; 6];
-            let mut slopes = [[zero; FREE + 1]; T];
-            let (mut lost, mut left, mut crossed) = (zero, zero, zero);
-            let mut faint = [zero; FAINT];
-            for (k, d) in block.rows.iter().enumerate() {
-                let row = rows(k);
-                let at = |field: usize| row[field * vectors + v];
-                let y_re = mul(alpha, residual[(2 * k) * vectors + v]);
-                let y_im = mul(alpha, residual[(2 * k + 1) * vectors + v]);
-                let phi = d.directions.map(|x| (splat(x.re), splat(x.im)));
-                let y = (y_re, y_im);
-                let (b_re, b_im) = (at(field::B_RE), at(field::B_IM));
-                form(simd, y, (b_re, b_im), &phi, alone, &mut base);
-                let y2 = fma(y_re, y_re, mul(y_im, y_im));
-                square[0] = add(square[0], y2);
-                if !alone {
-                    let [a, b] = d.directions;
-                    square[1] = fma(y2, splat(2.0 * a.re), square[1]);
-                    square[2] = fma(y2, splat(2.0 * b.re), square[2]);
-                    square[3] = fma(y2, splat(a.norm_sqr()), square[3]);
-                    square[4] = fma(y2, splat(2.0 * (a.re * b.re + a.im * b.im)), square[4]);
-                    square[5] = fma(y2, splat(b.norm_sqr()), square[5]);
-                }
-                for m in 0..T {
-                    let field = field::DIRECTIONS + 3 * m;
-                    form(simd, y, (at(field + 1), at(field + 2)), &phi, alone, &mut slopes[m]);
-                    // −2 |y|² (1 + 2 Re δ) Re v
-                    let w = mul(add(y2, y2), at(field));
-                    slopes[m][0] = sub(slopes[m][0], w);
-                    if !alone {
-                        for i in 0..FREE {
-                            slopes[m][i + 1] = nfma(w, splat(2.0 * d.directions[i].re), slopes[m][i + 1]);
-                        }
-                    }
-                }
-                if T == 0 {
-                    continue;
-                }
-                let (m_re, m_im) = (sub(at(field::E_RE), y_re), sub(at(field::E_IM), y_im));
-                let (g_re, g_im) = (fma(y_re, m_re, mul(y_im, m_im)), nfma(y_im, m_re, mul(y_re, m_im)));
-                for (c, faint) in faint.iter_mut().enumerate() {
-                    let (v_re, v_im) = (at(field::FAINT + 2 * c), at(field::FAINT + 2 * c + 1));
-                    *faint = fma(g_re, v_re, nfma(g_im, v_im, *faint));
-                }
-                let g2 = fma(g_re, g_re, mul(g_im, g_im));
-                let (kappa, rest, scale) = (at(field::RADIUS), at(field::REMAINDER), at(field::SCALE));
-                left = fma(mul(scale, scale), g2, left);
-                let (delta, more) = (splat(d.radius), splat(1.0 + d.radius));
-                let whole = mul(more, kappa);
-                lost = fma(y2, mul(whole, whole), lost);
-                if !alone {
-                    let second = mul(mul(splat(2.0 * d.radius), delta), add(kappa, rest));
-                    lost = fma(y2, fma(splat(2.0 * d.radius), mul(rest, more), second), lost);
-                    let crossed_here = mul(rest, delta);
-                    crossed = fma(mul(crossed_here, crossed_here), g2, crossed);
-                }
-            }
-            let boxes: [(S::f64s, S::f64s); T] =
-                std::array::from_fn(|m| (S::as_simd_f64s(&group.low[m]).0[v], S::as_simd_f64s(&group.high[m]).0[v]));
-            if T > 0 {
-                let reach = S::as_simd_f64s(&group.reach).0[v];
-                // Σ r |δ| |g| over the lines, by its root mean square.
-                let crossed = mul(splat((block.rows.len() as f64).sqrt()), simd.sqrt_f64s(crossed));
-                let left = fma(reach, simd.sqrt_f64s(left), crossed);
-                lost = fma(splat(2.0), left, lost);
-                for (c, faint) in faint.into_iter().enumerate() {
-                    let low = S::as_simd_f64s(&group.low[DIRECTIONS + c]).0[v];
-                    let high = S::as_simd_f64s(&group.high[DIRECTIONS + c]).0[v];
-                    let slope = add(faint, faint);
-                    lost = sub(lost, simd.min_f64s(mul(slope, low), mul(slope, high)));
-                }
-            }
-            let lost = add(lost, slack);
-            // All denominators together first: most blocks end here.
-            let [reach_a, reach_b] = block.reach.map(splat);
-            let spread = |f: &[S::f64s; FREE + 1]| fma(simd.abs_f64s(f[1]), reach_a, mul(simd.abs_f64s(f[2]), reach_b));
-            let tilt = [zero, sub(base[1], square[1]), sub(base[2], square[2])];
-            let mut whole = sub(sub(sub(base[0], square[0]), spread(&tilt)), lost);
-            whole = nfma(mul(reach_a, reach_a), square[3], whole);
-            whole = nfma(mul(reach_a, reach_b), simd.abs_f64s(square[4]), whole);
-            whole = nfma(mul(reach_b, reach_b), square[5], whole);
-            for m in 0..T {
-                let (low, high) = boxes[m];
-                let centre = simd.min_f64s(mul(slopes[m][0], low), mul(slopes[m][0], high));
-                let largest = simd.max_f64s(simd.abs_f64s(low), simd.abs_f64s(high));
-                whole = add(whole, nfma(spread(&slopes[m]), largest, centre));
-            }
-            let dead = simd.greater_than_f64s(whole, limits);
-            if alone {
-                S::as_mut_simd_f64s(&mut out.bound).0[v] = whole;
-                *alive = bits(dead, mask);
-                continue;
-            }
-            if simd.first_true_m64s(simd.not_m64s(dead)) >= LANES / vectors {
-                S::as_mut_simd_f64s(&mut out.bound).0[v] = whole;
-                *alive = simd.splat_u64s(0);
-                continue;
-            }
-            let mut least = splat(f64::INFINITY);
-            let mut living = simd.splat_u64s(0);
-            let mut left = mask;
-            while left != 0 {
-                let j = left.trailing_zeros() as usize;
-                left &= left - 1;
-                let [o_a, o_b] = block.offsets[j];
-                let (a, b) = (splat(o_a), splat(o_b));
-                let affine = |f: &[S::f64s; FREE + 1]| fma(f[1], a, fma(f[2], b, f[0]));
-                let mut bound = sub(affine(&base), lost);
-                bound = sub(bound, fma(square[1], a, fma(square[2], b, square[0])));
-                bound = nfma(square[3], splat(o_a * o_a), bound);
-                bound = nfma(square[4], splat(o_a * o_b), bound);
-                bound = nfma(square[5], splat(o_b * o_b), bound);
-                for m in 0..T {
-                    let slope = affine(&slopes[m]);
-                    bound = add(bound, simd.min_f64s(mul(slope, boxes[m].0), mul(slope, boxes[m].1)));
-                }
-                living = simd.or_u64s(living, bits(simd.greater_than_f64s(bound, limits), 1 << j));
-                // NaN, which says that nothing is known, must stay: `min` may drop it.
-                let unknown = simd.not_m64s(simd.less_than_or_equal_f64s(bound, splat(f64::INFINITY)));
-                let bound = simd.select_f64s(unknown, splat(f64::NEG_INFINITY), bound);
-                least = simd.min_f64s(least, bound);
-            }
-            S::as_mut_simd_f64s(&mut out.bound).0[v] = least;
-            *alive = living;
         }
     }
 }

@@ -18,15 +18,22 @@ pub(super) struct Constant {
 #[derive(Debug)]
 pub(super) struct Lines {
     pub constants: Vec<Constant>,
+    /// Norm of the weighted error and of one: a unit in which nothing is too large or small for single precision.
+    pub scale: f64,
 }
 
 impl Lines {
     pub(super) fn new(problem: &Problem) -> Self {
-        let constants = problem.lines().iter().map(|line| {
-            let root = line.weight.sqrt();
-            let turn = Complex64::from_polar(1.0, -problem.basis().rotation(line.omega_rad_s));
-            Constant { error: (1.0 - line.response) * root, root, plant: line.plant * turn * root }
-        });
-        Self { constants: constants.collect() }
+        let constants: Vec<Constant> = problem
+            .lines()
+            .iter()
+            .map(|line| {
+                let root = line.weight.sqrt();
+                let turn = Complex64::from_polar(1.0, -problem.basis().rotation(line.omega_rad_s));
+                Constant { error: (1.0 - line.response) * root, root, plant: line.plant * turn * root }
+            })
+            .collect();
+        let scale = constants.iter().map(|c| c.error.norm_sqr() + c.root * c.root).sum::<f64>().sqrt();
+        Self { constants, scale }
     }
 }

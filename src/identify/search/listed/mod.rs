@@ -5,14 +5,18 @@ mod cell;
 mod cells;
 mod denominators;
 mod deviations;
-mod group;
+mod frame;
 mod grower;
 mod kernel;
 mod lines;
 mod principal;
+mod real;
+mod single;
+mod singles;
+mod verdict;
 mod walk;
 
-use super::decide::{Harvest, decide, tell};
+use super::decide::{Harvest, Teller, decide};
 use super::{NEAR, Optimum, Search};
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
@@ -21,6 +25,16 @@ pub use cells::{Cells, can_list};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use walk::{Open, Own, Walk};
+
+/// Leading directions of a cluster, to which y adapts.
+const DIRECTIONS: usize = 6;
+
+/// Faint ones after them, along which the bound only takes the worst.
+const FAINT: usize = 6;
+const ALL: usize = DIRECTIONS + FAINT;
+
+/// The most parts that a cluster is divided into.
+const PARTS: usize = 8;
 
 /// Beams for an incumbent, and clusters that each starts from.
 const BEAMS: usize = 16;
@@ -37,6 +51,11 @@ pub fn can_search(problem: &Problem) -> bool {
 pub struct Listed<'a> {
     /// The clusters of this pool at the problem's lines.
     pub cells: &'a Cells,
+}
+
+/// What a unit of magnitude may lose by rounding in double precision, before the condition.
+fn rounding(lines: &lines::Lines) -> f64 {
+    32.0 * (2 * lines.constants.len() + 32) as f64 * f64::EPSILON
 }
 
 /// Threads take the chunks in order, each with its own memory; what comes of them is in the order of the chunks.
@@ -74,34 +93,44 @@ impl Search for Listed<'_> {
         let mut own = walk.own();
         walk.without_feedback(&mut own);
         let mut owns = vec![own];
-        let chunks: Vec<&[u32]> = self.cells.roots.chunks(group::LANES).collect();
+        let roots = &self.cells.roots;
+        let chunks: Vec<&[u32]> = roots.chunks(singles::LANES).collect();
         owns.extend(share(&walk, chunks.len(), |at, own| walk.first(chunks[at], own))?.1);
         let everything = walk.everything();
+        let open = |finish: bool| share(&walk, roots.len(), |at, own| walk.open(roots[at], &everything, finish, own));
         // Leaves wait for an incumbent.
-        let (opened, more) = share(&walk, chunks.len(), |at, own| walk.open(chunks[at], &everything, false, own))?;
+        let (opened, more) = open(false)?;
         owns.extend(more);
         let mut tasks: Vec<Open> = opened.into_iter().flatten().collect();
-        tasks.sort_by(|a, b| a.promise.total_cmp(&b.promise));
+        tasks.sort_by(|a, b| a.bound.total_cmp(&b.bound));
         let beams: Vec<&[Open]> = tasks.chunks(BEAMED).take(BEAMS).collect();
         owns.extend(share(&walk, beams.len(), |at, own| walk.beam(beams[at], own))?.1);
+        // With a good incumbent, fewer are left.
+        let (opened, more) = open(false)?;
+        owns.extend(more);
+        let mut tasks: Vec<Open> = opened.into_iter().flatten().collect();
         // With a good incumbent the smallest bound goes first, so that the certified gap shrinks.
         tasks.sort_by(|a, b| a.bound.total_cmp(&b.bound));
         let found = |owns: &[Own]| owns.iter().flat_map(|own| &own.found).copied().collect::<Vec<_>>();
-        tell(&found(&owns), pool, 0.0, ctl);
+        let teller = Teller::new(pool, ctl);
+        teller.tell(&found(&owns), walk.best(), 0.0);
         let lowest = owns.iter().flat_map(|own| &own.found).map(|f| f.bound).fold(f64::INFINITY, f64::min);
         let lowest = AtomicU64::new(lowest.max(0.0).to_bits());
         let finished: Vec<AtomicBool> = tasks.iter().map(|_| AtomicBool::new(false)).collect();
+        // The tasks lie in the order of their bounds: the first that is open has the smallest.
+        let first_open = AtomicUsize::new(0);
         let part = pool.size() / tasks.len().max(1) as u64;
         let (_, more) = share(&walk, tasks.len(), |at, own| {
             walk.finish(&tasks[at], own)?;
             // Of what is found before the task counts as finished, the bounds are known.
-            let own_lowest = own.found.iter().map(|f| f.bound).fold(f64::INFINITY, f64::min);
-            lowest.fetch_min(own_lowest.max(0.0).to_bits(), Ordering::SeqCst);
+            lowest.fetch_min(own.lowest.max(0.0).to_bits(), Ordering::SeqCst);
             finished[at].store(true, Ordering::SeqCst);
-            // The tasks lie in the order of their bounds: the first that is open has the smallest.
-            let open = finished.iter().position(|done| !done.load(Ordering::SeqCst));
-            let open = open.map_or(walk.best(), |at| tasks[at].bound);
-            tell(&own.found, pool, open.min(walk.best()).min(f64::from_bits(lowest.load(Ordering::SeqCst))), ctl);
+            let from = first_open.load(Ordering::SeqCst);
+            let open = (from..tasks.len()).find(|at| !finished[*at].load(Ordering::SeqCst)).unwrap_or(tasks.len());
+            first_open.fetch_max(open, Ordering::SeqCst);
+            let open = tasks.get(open).map_or(walk.best(), |task| task.bound);
+            let bound = open.min(walk.best()).min(f64::from_bits(lowest.load(Ordering::SeqCst)));
+            teller.tell(&own.found, walk.best(), bound);
             ctl.advance(part);
             Ok(())
         })?;

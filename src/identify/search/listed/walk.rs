@@ -3,9 +3,13 @@
 use super::super::decide::Found;
 use super::cell::Cell;
 use super::cells::Cells;
-use super::group::{Group, LANES};
-use super::kernel::{self, Bounds};
+use super::denominators::Kept;
+use super::frame::Frame;
+use super::kernel::{self, Blocks, Bounds};
 use super::lines::Lines;
+use super::single;
+use super::singles::{LANES, Singles};
+use super::verdict::{Verdict, verdict};
 use crate::identify::pool::Feedback;
 use crate::identify::problem::Problem;
 use crate::num::{Ctl, Stopped};
@@ -21,6 +25,9 @@ const KEPT: usize = 1 << 14;
 const BEAM: usize = 256;
 const LARGEST_SAMPLE: usize = 256;
 
+/// Single precision is not fine enough for relaxed problems that cost less, in units of the scale squared.
+const FINE: f64 = 1e-4;
+
 /// A block of denominators, and which of them may still have a good partner.
 pub(super) type Item = (u32, u64);
 
@@ -29,8 +36,7 @@ pub(super) type Item = (u32, u64);
 pub(super) struct Open {
     pub cell: u32,
     pub items: Vec<Item>,
-    /// The smallest cost of a relaxed problem, and the smallest bound.
-    pub promise: f64,
+    /// What its members cost at least with these.
     pub bound: f64,
 }
 
@@ -54,18 +60,42 @@ pub(super) struct Walk<'a> {
     ctl: &'a Ctl,
 }
 
+/// What bounds are computed in, in one of the precisions.
+#[derive(Debug)]
+struct Room<N> {
+    frame: Frame<N>,
+    blocks: Blocks<N>,
+    bounds: Bounds<N>,
+    scratch: Vec<N>,
+}
+
+impl<N: Kept> Room<N> {
+    fn new(cells: &Cells) -> Self {
+        let frame = Frame::new(&cells.feedforward);
+        let blocks = Blocks::new(frame.lines);
+        Self { frame, blocks, bounds: Bounds::default(), scratch: Vec::new() }
+    }
+
+    /// Bounds of the cluster in the frame with up to so many blocks as there are lanes.
+    fn bound(&mut self, cells: &Cells, items: &[Item], limit: N) {
+        self.blocks.fill(&cells.feedforward, items.iter().map(|item| item.0));
+        kernel::bounds(&self.frame, &self.blocks, limit, &mut self.scratch, &mut self.bounds);
+    }
+}
+
 /// A thread's own memory.
 #[derive(Debug)]
 pub(super) struct Own {
-    group: Group,
-    single: Group,
-    bounds: Bounds,
-    /// Of the single controllers, which are evaluated while the clusters' bounds are still in use.
-    one: Bounds,
+    single_precision: Room<f32>,
+    double_precision: Room<f64>,
+    singles: Singles,
+    /// Of the single controllers.
+    one: single::Bounds,
     scratch: Vec<f64>,
-    work: Vec<Item>,
     responses: Vec<f64>,
     pub found: Vec<Found>,
+    /// The smallest bound of all that was ever found.
+    pub lowest: f64,
     pub counts: Counts,
     room: usize,
 }
@@ -77,14 +107,14 @@ impl<'a> Walk<'a> {
 
     pub(super) fn own(&self) -> Own {
         Own {
-            group: Group::new(&self.lines),
-            single: Group::new(&self.lines),
-            bounds: Bounds::default(),
-            one: Bounds::default(),
+            single_precision: Room::new(self.cells),
+            double_precision: Room::new(self.cells),
+            singles: Singles::new(&self.lines),
+            one: single::Bounds::default(),
             scratch: Vec::new(),
-            work: Vec::new(),
             responses: vec![0.0; 2 * LANES * self.lines.constants.len()],
             found: Vec::new(),
+            lowest: f64::INFINITY,
             counts: Counts::default(),
             room: KEPT,
         }
@@ -115,7 +145,7 @@ impl<'a> Walk<'a> {
         let Some((_, denominator)) = self.cells.without_feedback else { return };
         // 1 + L = 1.
         let responses = [[1.0; LANES], [0.0; LANES]].concat().repeat(self.lines.constants.len());
-        own.single.fill_single(&self.lines, &responses, 1);
+        own.singles.fill(&self.lines, &responses);
         let feedback = Feedback { denominator, numerator: None, gain: 0.0, gain_position: None };
         for place in 0..self.cells.feedforward.order.len() {
             self.evaluate(own, place, 1, |_| feedback);
@@ -129,7 +159,7 @@ impl<'a> Walk<'a> {
             let middles = self.middles(own, eight);
             let mut best = [(f64::INFINITY, 0_u32); LANES];
             for root in &self.cells.feedforward.roots {
-                self.bound(own, *root, 1, f64::MAX, true);
+                self.bound(own, *root, 1, f64::MAX);
                 for (lane, best) in best.iter_mut().enumerate().take(eight.len()) {
                     if own.one.cost[lane] < best.0 {
                         *best = (own.one.cost[lane], *root);
@@ -158,14 +188,14 @@ impl<'a> Walk<'a> {
 
     fn fill(&self, own: &mut Own, members: &[u32]) {
         self.cells.responses(members, &mut own.responses);
-        own.single.fill_single(&self.lines, &own.responses, members.len());
+        own.singles.fill(&self.lines, &own.responses);
     }
 
-    fn bound(&self, own: &mut Own, block: u32, mask: u64, limit: f64, single: bool) {
+    /// Bounds of the filled single controllers with a block.
+    fn bound(&self, own: &mut Own, block: u32, mask: u64, limit: f64) {
         let feedforward = &self.cells.feedforward;
-        let (group, out) = if single { (&own.single, &mut own.one) } else { (&own.group, &mut own.bounds) };
         let block = &feedforward.blocks[block as usize];
-        kernel::bounds(group, feedforward, block, mask, limit, &mut own.scratch, out);
+        single::bounds(&own.singles, feedforward, block, mask, limit, &mut own.scratch, &mut own.one);
     }
 
     /// From these clusters to leaves with single denominators, keeping the most promising pairs at every level: for an incumbent. Without
@@ -174,6 +204,7 @@ impl<'a> Walk<'a> {
         let feedforward = &self.cells.feedforward;
         let mut pairs: Vec<(u32, u32)> =
             from.iter().flat_map(|open| open.items.iter().map(|item| (open.cell, item.0))).collect();
+        let mut fine = false;
         loop {
             let done = |(cell, block): &(u32, u32)| {
                 self.cells.nodes[*cell as usize].children.is_empty()
@@ -182,32 +213,31 @@ impl<'a> Walk<'a> {
             if pairs.iter().all(done) {
                 break;
             }
-            // Pairs with the same cluster share its group.
+            // Pairs with the same cluster share its frame.
             pairs.sort_unstable();
             let mut seen: Vec<(f64, u32, u32)> = Vec::new();
             for same in pairs.chunk_by(|a, b| a.0 == b.0) {
                 self.ctl.check()?;
                 let children = &self.cells.nodes[same[0].0 as usize].children;
-                let cells = if children.is_empty() { vec![same[0].0] } else { children.to_vec() };
-                let blocks: Vec<u32> = same
+                let cells = if children.is_empty() { &[same[0].0][..] } else { children };
+                let items: Vec<Item> = same
                     .iter()
                     .flat_map(|(_, block)| {
                         let children = &feedforward.blocks[*block as usize].children;
-                        if children.is_empty() { vec![*block] } else { children.to_vec() }
+                        if children.is_empty() { vec![(*block, 0)] } else { children.iter().map(|c| (*c, 0)).collect() }
                     })
                     .collect();
-                for eight in cells.chunks(LANES) {
-                    own.group.fill_cells(&self.lines, eight.iter().map(|cell| &self.cells.nodes[*cell as usize]));
-                    for block in &blocks {
-                        // Without a limit nothing is proven: only the relaxed problem is solved.
-                        self.bound(own, *block, 0, f64::MAX, false);
-                        let costs = eight.iter().enumerate().map(|(lane, cell)| (own.bounds.cost[lane], *cell, *block));
-                        seen.extend(costs);
+                for cell in cells {
+                    if fine {
+                        self.costs(&mut own.double_precision, *cell, &items, &mut seen);
+                    } else {
+                        self.costs(&mut own.single_precision, *cell, &items, &mut seen);
                     }
                 }
             }
             seen.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
             seen.truncate(BEAM);
+            fine = fine || seen.first().is_some_and(|best| best.0 < FINE);
             pairs = seen.into_iter().map(|(_, cell, block)| (cell, block)).collect();
         }
         for (cell, block) in pairs {
@@ -219,90 +249,132 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
+    /// What the relaxed problems of a cluster cost, in units of the scale squared. Without a limit nothing is proven.
+    fn costs<N: Kept>(&self, room: &mut Room<N>, cell: u32, items: &[Item], seen: &mut Vec<(f64, u32, u32)>) {
+        let node = &self.cells.nodes[cell as usize];
+        let known = Frame::<N>::can_hold(node, &self.lines);
+        if known {
+            room.frame.fill(node, &self.lines, &self.cells.feedforward);
+        }
+        for items in items.chunks(kernel::LANES) {
+            if known {
+                room.bound(self.cells, items, N::INFINITY);
+            }
+            let cost = |lane: usize| if known { room.bounds.cost[lane].value() } else { f64::MAX };
+            seen.extend(items.iter().enumerate().map(|(lane, item)| (cost(lane), cell, item.0)));
+        }
+    }
+
     /// The rest of a cluster, depth first, most promising first.
     pub(super) fn finish(&self, open: &Open, own: &mut Own) -> Result<(), Stopped> {
         if !super::super::decide::may_reach(open.bound, self.limit()) {
             return Ok(());
         }
-        let node = &self.cells.nodes[open.cell as usize];
-        if node.children.is_empty() && node.rough {
-            return self.scattered(node, &open.items, own);
-        }
-        let cells = if node.children.is_empty() { vec![open.cell] } else { node.children.to_vec() };
-        let mut next = self.open(&cells, &open.items, true, own)?;
-        next.sort_by(|a, b| a.promise.total_cmp(&b.promise));
+        let mut next = self.open(open.cell, &open.items, true, own)?;
+        next.sort_by(|a, b| a.bound.total_cmp(&b.bound));
         for open in &next {
             self.finish(open, own)?;
         }
         Ok(())
     }
 
-    /// These clusters with what goes with them; leaves are done with at once, if `finish`.
-    pub(super) fn open(
+    /// The parts of a cluster with what may go with them; leaves are done with at once, if `finish`, or else returned as they are.
+    pub(super) fn open(&self, cell: u32, items: &[Item], finish: bool, own: &mut Own) -> Result<Vec<Open>, Stopped> {
+        self.ctl.check()?;
+        let node = &self.cells.nodes[cell as usize];
+        if !Frame::<f32>::can_hold(node, &self.lines) {
+            // Nothing is known of it.
+            let parts = if node.children.is_empty() { &[cell][..] } else { &node.children };
+            if node.children.is_empty() && finish {
+                self.scattered(node, items, own)?;
+                return Ok(Vec::new());
+            }
+            let open = |cell: &u32| Open { cell: *cell, items: items.to_vec(), bound: f64::NEG_INFINITY };
+            return Ok(parts.iter().map(open).collect());
+        }
+        own.single_precision.frame.fill(node, &self.lines, &self.cells.feedforward);
+        if own.single_precision.frame.is_too_fine(self.limit_in_units()) {
+            own.double_precision.frame.fill(node, &self.lines, &self.cells.feedforward);
+            self.open_in(|own| &mut own.double_precision, cell, items, finish, own)
+        } else {
+            self.open_in(|own| &mut own.single_precision, cell, items, finish, own)
+        }
+    }
+
+    /// The limit in units of the scale squared.
+    fn limit_in_units(&self) -> f64 {
+        self.limit() / (self.lines.scale * self.lines.scale) * (1.0 + 4.0 * f64::EPSILON)
+    }
+
+    /// Opens the cluster that is in the frame of this precision.
+    fn open_in<N: Kept>(
         &self,
-        cells: &[u32],
+        room: impl Fn(&mut Own) -> &mut Room<N>,
+        cell: u32,
         items: &[Item],
         finish: bool,
         own: &mut Own,
     ) -> Result<Vec<Open>, Stopped> {
-        let mut opened = Vec::new();
-        for eight in cells.chunks(LANES) {
-            self.ctl.check()?;
-            self.open_eight(eight, items, finish, own, &mut opened);
+        let feedforward = &self.cells.feedforward;
+        let node = &self.cells.nodes[cell as usize];
+        let is_leaf = node.children.is_empty();
+        // Leaves are done with one denominator at a time.
+        let is_done = finish && is_leaf && !node.rough;
+        let parts = if is_leaf { &[cell][..] } else { &node.children };
+        let mut opened: Vec<Open> =
+            parts.iter().map(|cell| Open { cell: *cell, items: Vec::new(), bound: f64::INFINITY }).collect();
+        if !is_leaf {
+            let children = node.children.iter().map(|child| &self.cells.nodes[*child as usize]);
+            room(own).frame.fill_parts(node, children);
+        }
+        // Blocks, and single denominators, which need fewer operations.
+        let mut work = Work::default();
+        items.iter().for_each(|item| work.push(self.cells, *item));
+        let mut batch = Vec::with_capacity(kernel::LANES);
+        while work.next(&mut batch) {
+            let limit = N::above(self.limit_in_units());
+            let extent = room(own).frame.extent;
+            room(own).bound(self.cells, &batch, limit);
+            own.counts.bounded += batch.len() as u64;
+            for (lane, &(id, mask)) in batch.iter().enumerate() {
+                let Room { frame, bounds, .. } = room(own);
+                if bounds.whole[lane] > limit {
+                    continue;
+                }
+                let block = &feedforward.blocks[id as usize];
+                let divide = !block.children.is_empty() && (is_done || bounds.extent[lane].value() > BALANCE * extent);
+                let divided = !is_leaf && !divide;
+                let Verdict { alive, parts, least, bound } =
+                    verdict(frame, bounds, lane, N::table(feedforward).offsets(id), mask, limit, divided);
+                if alive == 0 {
+                    continue;
+                }
+                if divide {
+                    self.divide(id, alive, &mut work);
+                } else if is_done {
+                    self.leaf(own, node, id);
+                } else if is_leaf {
+                    opened[0].add((id, alive), self.in_units_of_cost(bound));
+                } else {
+                    for ((open, alive), bound) in opened.iter_mut().zip(parts).zip(least) {
+                        if alive != 0 {
+                            open.add((id, alive), self.in_units_of_cost(bound));
+                        }
+                    }
+                }
+            }
+        }
+        opened.retain(|open| !open.items.is_empty());
+        if is_leaf && node.rough && finish {
+            if let Some(open) = opened.pop() {
+                self.scattered(node, &open.items, own)?;
+            }
         }
         Ok(opened)
     }
 
-    fn open_eight(&self, cells: &[u32], items: &[Item], finish: bool, own: &mut Own, opened: &mut Vec<Open>) {
-        let is_done = |node: &Cell| finish && node.children.is_empty() && !node.rough;
-        let feedforward = &self.cells.feedforward;
-        let nodes: Vec<&Cell> = cells.iter().map(|cell| &self.cells.nodes[*cell as usize]).collect();
-        own.group.fill_cells(&self.lines, nodes.iter().copied());
-        let mut open: Vec<Open> = cells
-            .iter()
-            .map(|cell| Open { cell: *cell, items: Vec::new(), promise: f64::INFINITY, bound: f64::INFINITY })
-            .collect();
-        let mut work = std::mem::take(&mut own.work);
-        work.clear();
-        work.extend_from_slice(items);
-        while let Some((id, mask)) = work.pop() {
-            self.bound(own, id, mask, self.limit(), false);
-            own.counts.bounded += cells.len() as u64;
-            let alive = own.bounds.alive;
-            let any = alive[..cells.len()].iter().fold(0, |all, lane| all | lane);
-            if any == 0 {
-                continue;
-            }
-            let block = &feedforward.blocks[id as usize];
-            if !block.children.is_empty() {
-                let living = (0..cells.len()).filter(|lane| alive[*lane] != 0);
-                let (theirs, ours) = living.fold((0.0, 0.0), |(theirs, ours), lane| {
-                    (theirs + own.bounds.extent[lane], ours + own.group.extent[lane])
-                });
-                // Leaves are done with one denominator at a time.
-                let leaves = nodes.iter().zip(alive).any(|(node, alive)| alive != 0 && is_done(node));
-                if leaves || theirs > BALANCE * ours {
-                    self.divide(id, any, &mut work);
-                    continue;
-                }
-            }
-            for (lane, node) in nodes.iter().enumerate() {
-                if alive[lane] == 0 {
-                    continue;
-                }
-                if is_done(node) {
-                    self.leaf(own, node, id);
-                } else {
-                    open[lane].items.push((id, alive[lane]));
-                    open[lane].promise = open[lane].promise.min(own.bounds.cost[lane]);
-                    // `min` would ignore a NaN, which means that nothing is known.
-                    let bound = own.bounds.bound[lane];
-                    open[lane].bound = open[lane].bound.min(if bound.is_nan() { f64::NEG_INFINITY } else { bound });
-                }
-            }
-        }
-        own.work = work;
-        opened.extend(open.into_iter().filter(|open| !open.items.is_empty()));
+    fn in_units_of_cost<N: Kept>(&self, bound: N) -> f64 {
+        bound.value() * self.lines.scale * self.lines.scale * (1.0 - 4.0 * f64::EPSILON)
     }
 
     /// The members of a leaf with a single denominator.
@@ -316,37 +388,35 @@ impl<'a> Walk<'a> {
     fn scattered(&self, cell: &Cell, items: &[Item], own: &mut Own) -> Result<(), Stopped> {
         let feedforward = &self.cells.feedforward;
         let members: Vec<u32> = cell.members.clone().collect();
-        let mut work = std::mem::take(&mut own.work);
         for eight in members.chunks(LANES) {
             self.ctl.check()?;
             self.fill(own, eight);
-            work.clear();
-            work.extend_from_slice(items);
+            let mut work = Work::default();
+            items.iter().for_each(|item| work.push(self.cells, *item));
             while let Some((id, mask)) = work.pop() {
                 let block = &feedforward.blocks[id as usize];
                 if block.children.is_empty() {
                     self.evaluate(own, block.first, eight.len(), |lane| self.cells.feedback(eight[lane] as usize));
                     continue;
                 }
-                self.bound(own, id, mask, self.limit(), true);
+                self.bound(own, id, mask, self.limit());
                 own.counts.bounded += eight.len() as u64;
                 let any = own.one.alive[..eight.len()].iter().fold(0, |all, lane| all | lane);
                 self.divide(id, any, &mut work);
             }
         }
-        own.work = work;
         Ok(())
     }
 
     /// The parts of a block that hold one of these denominators.
-    fn divide(&self, id: u32, any: u64, work: &mut Vec<Item>) {
+    fn divide(&self, id: u32, any: u64, work: &mut Work) {
         let block = &self.cells.feedforward.blocks[id as usize];
         for child in &block.children {
             let part = &self.cells.feedforward.blocks[*child as usize];
             let all = u64::MAX >> (super::denominators::LARGEST - part.offsets.len());
             let mask = (any >> (part.first - block.first)) & all;
             if mask != 0 {
-                work.push((*child, mask));
+                work.push(self.cells, (*child, mask));
             }
         }
     }
@@ -361,7 +431,7 @@ impl<'a> Walk<'a> {
     fn evaluate(&self, own: &mut Own, place: usize, count: usize, feedback: impl Fn(usize) -> Feedback) {
         let feedforward = &self.cells.feedforward;
         let limit = self.limit();
-        self.bound(own, feedforward.single[place], 1, limit, true);
+        self.bound(own, feedforward.single[place], 1, limit);
         own.counts.evaluated += count as u64;
         for lane in (0..count).filter(|lane| own.one.alive[*lane] != 0) {
             let (cost, bound) = (own.one.cost[lane], own.one.bound[lane]);
@@ -369,6 +439,8 @@ impl<'a> Walk<'a> {
             if found.above().is_finite() {
                 self.best.fetch_min(found.above().max(0.0).to_bits(), Ordering::Relaxed);
             }
+            // `min` ignores a bound that is no number, which says nothing.
+            own.lowest = if bound.is_nan() { f64::NEG_INFINITY } else { own.lowest.min(bound) };
             own.found.push(found);
         }
         if own.found.len() > own.room {
@@ -376,5 +448,39 @@ impl<'a> Walk<'a> {
             own.found.retain(|found| super::super::decide::may_reach(found.bound, limit));
             own.room = (2 * own.found.len()).max(KEPT);
         }
+    }
+}
+
+impl Open {
+    fn add(&mut self, item: Item, bound: f64) {
+        self.items.push(item);
+        // `min` would ignore a NaN, which means that nothing is known.
+        self.bound = self.bound.min(if bound.is_nan() { f64::NEG_INFINITY } else { bound });
+    }
+}
+
+/// What is left to bound: single denominators apart from blocks, which the kernel handles differently.
+#[derive(Debug, Default)]
+struct Work {
+    blocks: Vec<Item>,
+    alone: Vec<Item>,
+}
+
+impl Work {
+    fn push(&mut self, cells: &Cells, item: Item) {
+        let alone = cells.feedforward.blocks[item.0 as usize].children.is_empty();
+        if alone { self.alone.push(item) } else { self.blocks.push(item) }
+    }
+
+    fn pop(&mut self) -> Option<Item> {
+        self.alone.pop().or_else(|| self.blocks.pop())
+    }
+
+    /// Up to as many as there are lanes; blocks first, since single denominators come of them.
+    fn next(&mut self, batch: &mut Vec<Item>) -> bool {
+        let from = if self.blocks.is_empty() { &mut self.alone } else { &mut self.blocks };
+        batch.clear();
+        batch.extend(from.drain(from.len().saturating_sub(kernel::LANES)..));
+        !batch.is_empty()
     }
 }

@@ -6,7 +6,7 @@ mod prepared;
 mod ranges;
 mod walk;
 
-use super::decide::{Found, Harvest, decide, tell};
+use super::decide::{Found, Harvest, Teller, decide};
 use super::{NEAR, Optimum, Search, exact};
 use crate::identify::pool::{Pool, Position};
 use crate::identify::problem::Problem;
@@ -45,7 +45,8 @@ impl BranchAndBound<'_> {
         ctl.set_total(pool.size());
         walk.without_feedback(&mut own)?;
         let tasks = walk.tasks(&mut own)?;
-        tell(&own.found, pool, 0.0, ctl);
+        let teller = Teller::new(pool, ctl);
+        teller.tell(&own.found, walk.best(), 0.0);
         let next = AtomicUsize::new(0);
         // The smallest bound of a candidate that was found; what was passed over costs more than the best one.
         let lowest = AtomicU64::new(own.found.iter().map(|f| f.bound).fold(f64::INFINITY, f64::min).max(0.0).to_bits());
@@ -69,7 +70,7 @@ impl BranchAndBound<'_> {
                     let open = tasks.iter().zip(&finished).filter(|(_, done)| !done.load(Ordering::SeqCst));
                     let open = open.map(|(task, _)| task.bound).fold(walk.best(), f64::min);
                     let bound = open.min(f64::from_bits(lowest.load(Ordering::SeqCst)));
-                    tell(&own.found, pool, bound, ctl);
+                    teller.tell(&own.found, walk.best(), bound);
                     ctl.advance(share);
                 }
                 Ok(own)

@@ -1,0 +1,253 @@
+//! A cluster of feedback controllers as the kernel reads it: numbers that all lanes share.
+
+use super::cell::{Cell, Profile};
+use super::denominators::{Denominators, FREE};
+use super::lines::Lines;
+use super::real::Real;
+use super::{ALL, DIRECTIONS, PARTS};
+use num_complex::Complex64;
+
+/// Deviations above this are not worth a bound, which loses their square.
+const LARGEST_DEVIATION: f64 = 4.0;
+
+/// Numbers per line.
+pub(super) mod field {
+    use super::super::{DIRECTIONS as T, FAINT as F};
+    /// `(E − S) √w`.
+    pub const B: usize = 0;
+    /// `S G √w`, turned, in units of its largest modulus.
+    pub const SG: usize = 2;
+    /// `E √w`.
+    pub const E: usize = 4;
+    /// Largest |κ|, and largest rest behind the leading directions.
+    pub const RADIUS: usize = 6;
+    pub const REMAINDER: usize = 7;
+    /// Square of what a member typically leaves over behind all directions.
+    pub const SCALE: usize = 8;
+    /// Conjugate of SG times B.
+    pub const TURNED_B: usize = 9;
+    /// Re v of each leading direction.
+    pub const REAL: usize = 11;
+    /// `E √w v` of each leading direction.
+    pub const A: usize = REAL + T;
+    /// Conjugate of SG times that.
+    pub const TURNED_A: usize = A + 2 * T;
+    /// The faint directions.
+    pub const FAINT: usize = TURNED_A + 2 * T;
+    pub const COUNT: usize = FAINT + 2 * F;
+}
+
+/// Functions of the same spans that are orthonormal with these weights, as far as that goes in numbers: the normal equations of most
+/// denominators are then well conditioned.
+fn orthonormal(functions: &[f64], [even, odd]: [usize; 2], weights: &[f64]) -> Vec<f64> {
+    let mut functions = functions.to_vec();
+    let count = even + odd;
+    for half in [0..even, even..count] {
+        for i in half.clone() {
+            // Twice is enough.
+            for _ in 0..2 {
+                for j in half.start..i {
+                    let share: f64 = functions.chunks_exact(count).zip(weights).map(|(f, w)| f[i] * f[j] * w).sum();
+                    functions.chunks_exact_mut(count).for_each(|f| f[i] -= share * f[j]);
+                }
+                let norm = functions.chunks_exact(count).zip(weights).map(|(f, w)| f[i] * f[i] * w).sum::<f64>().sqrt();
+                if norm > 0.0 && norm.is_finite() {
+                    functions.chunks_exact_mut(count).for_each(|f| f[i] /= norm);
+                }
+            }
+        }
+    }
+    functions
+}
+
+/// The cluster. Everything that has the unit of a response is in units of [`Lines::scale`].
+#[derive(Debug)]
+pub(super) struct Frame<N> {
+    /// How many lines, and how many basis functions of each half.
+    pub lines: usize,
+    pub halves: [usize; 2],
+    /// Basis functions line by line; and per line Re and Im of the powers that go with a denominator's free coefficients.
+    pub functions: Vec<N>,
+    pub tangents: Vec<[[N; 2]; FREE]>,
+    /// Per line: see [`field`].
+    pub rows: Vec<[N; field::COUNT]>,
+    /// Per line, |SG|² times the products of the basis functions: the lower triangle of the real half, then of the imaginary half.
+    pub products: Vec<N>,
+    /// Ranges of the coordinates along the directions.
+    pub low: [N; ALL],
+    pub high: [N; ALL],
+    /// Largest norm of what all directions leave over, in units of the scale.
+    pub reach: N,
+    /// Products of the leading directions, `Re ⟨E v_i, E v_j⟩`, lower triangle; with `E − S`.
+    pub gram: [N; DIRECTIONS * (DIRECTIONS + 1) / 2],
+    pub right: [N; DIRECTIONS],
+    /// How large what is summed can be: see the kernel's remarks on rounding.
+    pub size: N,
+    pub magnitude: N,
+    pub second: N,
+    /// One and the largest |κ|.
+    pub most: N,
+    /// What the rounding of a member's own response may lose, before the condition of the Gram matrices.
+    pub slack: N,
+    /// `Σ |E|² w |κ|²`: how far the cluster extends.
+    pub extent: f64,
+    /// Ranges of the parts of the cluster, in its own coordinates.
+    pub parts_low: [[N; PARTS]; ALL],
+    pub parts_high: [[N; PARTS]; ALL],
+}
+
+impl<N: Real> Frame<N> {
+    fn empty() -> Self {
+        let zero = N::default();
+        Self {
+            lines: 0,
+            halves: [0; 2],
+            functions: Vec::new(),
+            tangents: Vec::new(),
+            rows: Vec::new(),
+            products: Vec::new(),
+            low: [zero; ALL],
+            high: [zero; ALL],
+            reach: zero,
+            gram: [zero; DIRECTIONS * (DIRECTIONS + 1) / 2],
+            right: [zero; DIRECTIONS],
+            size: zero,
+            magnitude: zero,
+            second: zero,
+            most: zero,
+            slack: zero,
+            extent: 0.0,
+            parts_low: [[zero; PARTS]; ALL],
+            parts_high: [[zero; PARTS]; ALL],
+        }
+    }
+
+    pub(super) fn new(denominators: &Denominators) -> Self {
+        let [even, odd] = denominators.halves;
+        let lines = denominators.powers.len();
+        let width = (even * (even + 1) + odd * (odd + 1)) / 2;
+        let tangents = denominators.powers.iter().map(|z| z.map(|z| [N::nearest(z.re), N::nearest(z.im)]));
+        Self {
+            lines,
+            halves: denominators.halves,
+            functions: denominators.functions.iter().map(|f| N::nearest(*f)).collect(),
+            tangents: tangents.collect(),
+            rows: vec![[N::default(); field::COUNT]; lines],
+            products: vec![N::default(); lines * width],
+            ..Self::empty()
+        }
+    }
+
+    /// Whether a cluster is worth a bound.
+    pub(super) fn can_hold(cell: &Cell, lines: &Lines) -> bool {
+        cell.reach.is_finite() && (0..lines.constants.len()).all(|k| cell.profile(k).radius <= LARGEST_DEVIATION)
+    }
+
+    /// Reads the cluster.
+    pub(super) fn fill(&mut self, cell: &Cell, lines: &Lines, denominators: &Denominators) {
+        let [even, odd] = self.halves;
+        let mut largest = 0.0_f64;
+        for (k, c) in lines.constants.iter().enumerate() {
+            largest = largest.max((cell.centre(k).inv() * c.plant).norm_sqr());
+        }
+        let unit = 1.0 / largest.sqrt();
+        let weights = lines.constants.iter().enumerate().zip(&denominators.typical);
+        let weights: Vec<f64> =
+            weights.map(|((k, c), typical)| (cell.centre(k).inv() * c.plant * unit).norm_sqr() * typical).collect();
+        let functions = orthonormal(&denominators.functions, self.halves, &weights);
+        self.functions.iter_mut().zip(&functions).for_each(|(into, f)| *into = N::nearest(*f));
+        let ranges: [[f64; 2]; ALL] = std::array::from_fn(|m| cell.range(m));
+        let mut gram = [0.0; DIRECTIONS * (DIRECTIONS + 1) / 2];
+        let mut right = [0.0; DIRECTIONS];
+        let (mut b2, mut size, mut slack, mut extent, mut most) = (0.0, 0.0, 0.0, 0.0, 0.0_f64);
+        let (mut lengths, mut longest) = ([0.0; ALL], [0.0_f64; ALL]);
+        let mut products = self.products.iter_mut();
+        for ((k, c), row) in lines.constants.iter().enumerate().zip(&mut self.rows) {
+            let (error, root) = (c.error / lines.scale, c.root / lines.scale);
+            let s = cell.centre(k).inv();
+            let b = error - s * root;
+            let sg = s * c.plant * unit;
+            let mut put = |at: usize, z: Complex64| (row[at], row[at + 1]) = (N::nearest(z.re), N::nearest(z.im));
+            put(field::B, b);
+            put(field::SG, sg);
+            put(field::E, error);
+            put(field::TURNED_B, sg.conj() * b);
+            let mut a = [Complex64::ZERO; ALL];
+            for (m, a) in a.iter_mut().enumerate() {
+                let v = cell.direction(m, k);
+                *a = error * v;
+                lengths[m] += a.norm_sqr();
+                longest[m] = longest[m].max(v.norm_sqr());
+                if m < DIRECTIONS {
+                    put(field::A + 2 * m, *a);
+                    put(field::TURNED_A + 2 * m, sg.conj() * *a);
+                } else {
+                    put(field::FAINT + 2 * (m - DIRECTIONS), v);
+                }
+            }
+            let mut n = 0;
+            for i in 0..DIRECTIONS {
+                row[field::REAL + i] = N::nearest(cell.direction(i, k).re);
+                right[i] += a[i].re * b.re + a[i].im * b.im;
+                for a_j in &a[..=i] {
+                    gram[n] += a[i].re * a_j.re + a[i].im * a_j.im;
+                    n += 1;
+                }
+            }
+            let Profile { radius, remainder, scale } = cell.profile(k);
+            row[field::RADIUS] = N::above(radius);
+            row[field::REMAINDER] = N::above(remainder);
+            row[field::SCALE] = N::above(scale * scale * (1.0 + f64::EPSILON));
+            let functions = &functions[k * (even + odd)..(k + 1) * (even + odd)];
+            for half in [&functions[..even], &functions[even..]] {
+                for i in 0..half.len() {
+                    for (f, product) in half[..=i].iter().zip(products.by_ref()) {
+                        *product = N::nearest(half[i] * f * sg.norm_sqr());
+                    }
+                }
+            }
+            let (e2, s2) = (error.norm_sqr(), s.norm_sqr());
+            b2 += b.norm_sqr();
+            size += (e2.sqrt() * (1.0 + radius) + s2.sqrt() * root).powi(2);
+            most = most.max(radius);
+            extent += e2 * radius * radius;
+            // 2 Σ w (|E|² (1 + |κ|)² + σ²|S|²), with the cancellation in 1 + L of σ = (1 + |L|)/|1 + L|, where |L| ≤ 1 + |1 + L|:
+            // σ² ≤ 8 |S|² + 2.
+            slack += 2.0 * (e2 * (1.0 + radius).powi(2) + root * root * s2 * (8.0 * s2 + 2.0));
+        }
+        let furthest = |m: usize| ranges[m][0].abs().max(ranges[m][1].abs());
+        let magnitude = b2.sqrt() + (0..ALL).map(|m| furthest(m) * lengths[m].sqrt()).sum::<f64>();
+        let second = (1.0 + most).powi(2) + (0..ALL).map(|m| furthest(m) * longest[m].sqrt()).sum::<f64>();
+        self.low = ranges.map(|[low, _]| N::nearest(low));
+        self.high = ranges.map(|[_, high]| N::nearest(high));
+        self.reach = N::above(f64::from(cell.reach));
+        self.gram = gram.map(N::nearest);
+        self.right = right.map(N::nearest);
+        self.size = N::above(size.sqrt() * (1.0 + 1e-12));
+        self.magnitude = N::above(magnitude * (1.0 + 1e-12));
+        self.second = N::above(second * (1.0 + 1e-12));
+        self.most = N::above(1.0 + most);
+        self.slack = N::above(super::rounding(lines) * slack);
+        self.extent = extent;
+    }
+
+    /// Reads the ranges of the parts; those left over repeat the last.
+    pub(super) fn fill_parts<'c>(&mut self, cell: &Cell, parts: impl Iterator<Item = &'c Cell>) {
+        for (part, child) in parts.enumerate() {
+            for m in 0..ALL {
+                let [low, high] = child.range_within(cell, m);
+                for at in part..PARTS {
+                    // Below and above in double precision, and rounded outwards.
+                    self.parts_low[m][at] = N::nearest(-N::above(-low).value());
+                    self.parts_high[m][at] = N::above(high);
+                }
+            }
+        }
+    }
+
+    /// Whether single precision would lose too much of a bound to be compared with this limit, in units of [`Lines::scale`] squared.
+    pub(super) fn is_too_fine(&self, limit: f64) -> bool {
+        const LEAST: f64 = 1e-3;
+        limit < (LEAST * self.size.value()).powi(2)
+    }
+}

@@ -1,0 +1,294 @@
+//! The two precisions that the bounds are computed in, and vectors of them.
+
+use pulp::Simd;
+use std::fmt::Debug;
+use std::ops::{Add, Mul, Sub};
+
+/// Single or double precision.
+pub(super) trait Real:
+    Copy
+    + Debug
+    + Default
+    + PartialOrd
+    + Send
+    + Sync
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + 'static
+{
+    /// As many as an instruction takes.
+    type Vector<S: Simd>: Copy;
+    /// The largest relative error of a rounded number.
+    const ROUNDOFF: f64;
+    const INFINITY: Self;
+
+    fn nearest(x: f64) -> Self;
+    /// The next number that is not below.
+    fn above(x: f64) -> Self;
+    fn value(self) -> f64;
+    /// The smaller one; the second of which one is no number.
+    fn smaller(self, other: Self) -> Self;
+
+    fn vectors<S: Simd>(x: &[Self]) -> &[Self::Vector<S>];
+    fn vectors_mut<S: Simd>(x: &mut [Self]) -> &mut [Self::Vector<S>];
+    fn splat<S: Simd>(simd: S, x: Self) -> Self::Vector<S>;
+    fn add<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+    fn sub<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+    fn mul<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+    fn div<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+    /// `a b + c`.
+    fn mul_add<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>, c: Self::Vector<S>) -> Self::Vector<S>;
+    /// `c − a b`.
+    fn mul_sub<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>, c: Self::Vector<S>) -> Self::Vector<S>;
+    fn root<S: Simd>(simd: S, a: Self::Vector<S>) -> Self::Vector<S>;
+    /// The smaller (larger) one; b where a is no number.
+    fn min<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+    fn max<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+}
+
+/// Functions and no closures: closures that capture the token are not inlined where the instructions are known.
+macro_rules! real {
+    ($real:ident, $vector:ident, $roundoff:expr, $as:ident, $as_mut:ident, $splat:ident, $add:ident, $sub:ident, $mul:ident, $div:ident,
+     $mul_add:ident, $mul_sub:ident, $root:ident, $min:ident, $max:ident) => {
+        impl Real for $real {
+            type Vector<S: Simd> = S::$vector;
+            const ROUNDOFF: f64 = $roundoff;
+            const INFINITY: Self = $real::INFINITY;
+
+            #[inline(always)]
+            fn nearest(x: f64) -> Self {
+                x as $real
+            }
+            #[inline(always)]
+            fn above(x: f64) -> Self {
+                let near = x as $real;
+                if f64::from(near) < x { near.next_up() } else { near }
+            }
+            #[inline(always)]
+            fn value(self) -> f64 {
+                f64::from(self)
+            }
+            #[inline(always)]
+            fn smaller(self, other: Self) -> Self {
+                if self < other { self } else { other }
+            }
+            #[inline(always)]
+            fn vectors<S: Simd>(x: &[Self]) -> &[S::$vector] {
+                S::$as(x).0
+            }
+            #[inline(always)]
+            fn vectors_mut<S: Simd>(x: &mut [Self]) -> &mut [S::$vector] {
+                S::$as_mut(x).0
+            }
+            #[inline(always)]
+            fn splat<S: Simd>(simd: S, x: Self) -> S::$vector {
+                simd.$splat(x)
+            }
+            #[inline(always)]
+            fn add<S: Simd>(simd: S, a: S::$vector, b: S::$vector) -> S::$vector {
+                simd.$add(a, b)
+            }
+            #[inline(always)]
+            fn sub<S: Simd>(simd: S, a: S::$vector, b: S::$vector) -> S::$vector {
+                simd.$sub(a, b)
+            }
+            #[inline(always)]
+            fn mul<S: Simd>(simd: S, a: S::$vector, b: S::$vector) -> S::$vector {
+                simd.$mul(a, b)
+            }
+            #[inline(always)]
+            fn div<S: Simd>(simd: S, a: S::$vector, b: S::$vector) -> S::$vector {
+                simd.$div(a, b)
+            }
+            #[inline(always)]
+            fn mul_add<S: Simd>(simd: S, a: S::$vector, b: S::$vector, c: S::$vector) -> S::$vector {
+                simd.$mul_add(a, b, c)
+            }
+            #[inline(always)]
+            fn mul_sub<S: Simd>(simd: S, a: S::$vector, b: S::$vector, c: S::$vector) -> S::$vector {
+                simd.$mul_sub(a, b, c)
+            }
+            #[inline(always)]
+            fn root<S: Simd>(simd: S, a: S::$vector) -> S::$vector {
+                simd.$root(a)
+            }
+            #[inline(always)]
+            fn min<S: Simd>(simd: S, a: S::$vector, b: S::$vector) -> S::$vector {
+                simd.$min(a, b)
+            }
+            #[inline(always)]
+            fn max<S: Simd>(simd: S, a: S::$vector, b: S::$vector) -> S::$vector {
+                simd.$max(a, b)
+            }
+        }
+    };
+}
+
+real!(
+    f32,
+    f32s,
+    0.5 * f32::EPSILON as f64,
+    as_simd_f32s,
+    as_mut_simd_f32s,
+    splat_f32s,
+    add_f32s,
+    sub_f32s,
+    mul_f32s,
+    div_f32s,
+    mul_add_e_f32s,
+    negate_mul_add_e_f32s,
+    sqrt_f32s,
+    min_f32s,
+    max_f32s
+);
+real!(
+    f64,
+    f64s,
+    0.5 * f64::EPSILON,
+    as_simd_f64s,
+    as_mut_simd_f64s,
+    splat_f64s,
+    add_f64s,
+    sub_f64s,
+    mul_f64s,
+    div_f64s,
+    mul_add_e_f64s,
+    negate_mul_add_e_f64s,
+    sqrt_f64s,
+    min_f64s,
+    max_f64s
+);
+
+/// A vector with the token of its instructions, for arithmetic that reads like arithmetic.
+pub(super) struct Packed<S: Simd, N: Real> {
+    simd: S,
+    pub x: N::Vector<S>,
+}
+
+impl<S: Simd, N: Real> Clone for Packed<S, N> {
+    #[inline(always)]
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<S: Simd, N: Real> Copy for Packed<S, N> {}
+
+impl<S: Simd, N: Real> Packed<S, N> {
+    #[inline(always)]
+    pub(super) fn new(simd: S, x: N::Vector<S>) -> Self {
+        Self { simd, x }
+    }
+    #[inline(always)]
+    pub(super) fn of(simd: S, x: N) -> Self {
+        Self { simd, x: N::splat(simd, x) }
+    }
+    /// `self b + c`.
+    #[inline(always)]
+    pub(super) fn times_plus(self, b: Self, c: Self) -> Self {
+        Self::new(self.simd, N::mul_add(self.simd, self.x, b.x, c.x))
+    }
+    /// `c − self b`.
+    #[inline(always)]
+    pub(super) fn times_from(self, b: Self, c: Self) -> Self {
+        Self::new(self.simd, N::mul_sub(self.simd, self.x, b.x, c.x))
+    }
+    #[inline(always)]
+    pub(super) fn over(self, b: Self) -> Self {
+        Self::new(self.simd, N::div(self.simd, self.x, b.x))
+    }
+    #[inline(always)]
+    pub(super) fn root(self) -> Self {
+        Self::new(self.simd, N::root(self.simd, self.x))
+    }
+    #[inline(always)]
+    pub(super) fn modulus(self) -> Self {
+        self.max(Self::of(self.simd, N::default()) - self)
+    }
+    #[inline(always)]
+    pub(super) fn min(self, b: Self) -> Self {
+        Self::new(self.simd, N::min(self.simd, self.x, b.x))
+    }
+    #[inline(always)]
+    pub(super) fn max(self, b: Self) -> Self {
+        Self::new(self.simd, N::max(self.simd, self.x, b.x))
+    }
+}
+
+impl<S: Simd, N: Real> Add for Packed<S, N> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self::new(self.simd, <N as Real>::add(self.simd, self.x, b.x))
+    }
+}
+impl<S: Simd, N: Real> Sub for Packed<S, N> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self::new(self.simd, <N as Real>::sub(self.simd, self.x, b.x))
+    }
+}
+impl<S: Simd, N: Real> Mul for Packed<S, N> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self::new(self.simd, <N as Real>::mul(self.simd, self.x, b.x))
+    }
+}
+
+/// The factors `G = L D Lᵀ` of one half's normal equations, from its lower triangle.
+pub(super) struct Half<V, const M: usize> {
+    pub gram: [[V; M]; M],
+    pub inverse: [V; M],
+}
+
+// Indices run over rows and columns of several arrays at once.
+#[allow(clippy::needless_range_loop)]
+impl<S: Simd, N: Real, const M: usize> Half<Packed<S, N>, M> {
+    /// Factors in place: L below the diagonal, L D above. Returns the determinant of G scaled to unit diagonal.
+    #[inline(always)]
+    pub(super) fn factor(&mut self, simd: S, n: usize) -> Packed<S, N> {
+        let one = Packed::of(simd, N::nearest(1.0));
+        let mut determinant = one;
+        for j in 0..n {
+            let diagonal = self.gram[j][j];
+            let mut pivot = diagonal;
+            for k in 0..j {
+                pivot = self.gram[j][k].times_from(self.gram[k][j], pivot);
+            }
+            self.inverse[j] = one.over(pivot);
+            determinant = determinant * pivot.over(diagonal);
+            for i in j + 1..n {
+                let mut entry = self.gram[i][j];
+                for k in 0..j {
+                    entry = self.gram[i][k].times_from(self.gram[k][j], entry);
+                }
+                self.gram[j][i] = entry;
+                self.gram[i][j] = entry * self.inverse[j];
+            }
+        }
+        determinant
+    }
+
+    /// `L⁻¹ r`, in place.
+    #[inline(always)]
+    pub(super) fn forward(&self, n: usize, r: &mut [Packed<S, N>; M]) {
+        for i in 0..n {
+            for j in 0..i {
+                r[i] = self.gram[i][j].times_from(r[j], r[i]);
+            }
+        }
+    }
+
+    /// `L⁻ᵀ D⁻¹ r`, in place.
+    #[inline(always)]
+    pub(super) fn backward(&self, n: usize, r: &mut [Packed<S, N>; M]) {
+        for i in (0..n).rev() {
+            r[i] = r[i] * self.inverse[i];
+            for j in i + 1..n {
+                r[i] = self.gram[j][i].times_from(r[j], r[i]);
+            }
+        }
+    }
+}
