@@ -36,9 +36,8 @@ const ALL: usize = DIRECTIONS + FAINT;
 /// The most parts that a cluster is divided into.
 const PARTS: usize = 8;
 
-/// Beams for an incumbent, and clusters that each starts from.
-const BEAMS: usize = 16;
-const BEAMED: usize = 32;
+/// Beams for an incumbent.
+const BEAMS: usize = 8;
 
 /// Whether the kernel takes the numerator of this problem.
 #[must_use]
@@ -97,16 +96,13 @@ impl Search for Listed<'_> {
         let chunks: Vec<&[u32]> = roots.chunks(singles::LANES).collect();
         owns.extend(share(&walk, chunks.len(), |at, own| walk.first(chunks[at], own))?.1);
         let everything = walk.everything();
-        let open = |finish: bool| share(&walk, roots.len(), |at, own| walk.open(roots[at], &everything, finish, own));
-        // Leaves wait for an incumbent.
-        let (opened, more) = open(false)?;
+        let (seen, more) = share(&walk, roots.len(), |at, own| walk.promising(roots[at], &everything, own))?;
         owns.extend(more);
-        let mut tasks: Vec<Open> = opened.into_iter().flatten().collect();
-        tasks.sort_by(|a, b| a.bound.total_cmp(&b.bound));
-        let beams: Vec<&[Open]> = tasks.chunks(BEAMED).take(BEAMS).collect();
-        owns.extend(share(&walk, beams.len(), |at, own| walk.beam(beams[at], own))?.1);
-        // With a good incumbent, fewer are left.
-        let (opened, more) = open(false)?;
+        let pairs = walk::best(seen.into_iter().flatten().collect(), BEAMS * walk::BEAM);
+        let beams: Vec<&[walk::Pair]> = pairs.chunks(walk::BEAM).collect();
+        owns.extend(share(&walk, beams.len(), |at, own| walk.beam(beams[at].to_vec(), own))?.1);
+        // With an incumbent.
+        let (opened, more) = share(&walk, roots.len(), |at, own| walk.open(roots[at], &everything, false, own))?;
         owns.extend(more);
         let mut tasks: Vec<Open> = opened.into_iter().flatten().collect();
         // With a good incumbent the smallest bound goes first, so that the certified gap shrinks.

@@ -16,20 +16,30 @@ use crate::num::{Ctl, Stopped};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The block is divided where it extends more than this multiple of the cluster.
-const BALANCE: f64 = 1.0;
+const BALANCE: f64 = 4.0;
 
 /// Candidates that a thread keeps before it throws out those that a better incumbent has made worthless.
 const KEPT: usize = 1 << 14;
 
 /// Pairs that a beam keeps, and members that it evaluates of each leaf.
-const BEAM: usize = 256;
+pub(super) const BEAM: usize = 256;
 const LARGEST_SAMPLE: usize = 256;
 
 /// Single precision is not fine enough for relaxed problems that cost less, in units of the scale squared.
-const FINE: f64 = 1e-4;
+const FINE: f64 = 1e-6;
 
 /// A block of denominators, and which of them may still have a good partner.
 pub(super) type Item = (u32, u64);
+
+/// A cluster and a block.
+pub(super) type Pair = (u32, u32);
+
+/// The cheapest of some pairs, in order.
+pub(super) fn best(mut seen: Vec<(f64, u32, u32)>, count: usize) -> Vec<Pair> {
+    seen.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    seen.truncate(count);
+    seen.into_iter().map(|(_, cell, block)| (cell, block)).collect()
+}
 
 /// A cluster with the denominators that may go with it.
 #[derive(Debug)]
@@ -198,12 +208,23 @@ impl<'a> Walk<'a> {
         single::bounds(&own.singles, feedforward, block, mask, limit, &mut own.scratch, &mut own.one);
     }
 
-    /// From these clusters to leaves with single denominators, keeping the most promising pairs at every level: for an incumbent. Without
+    /// What the relaxed problems of a cluster cost, the cheapest of them.
+    pub(super) fn promising(&self, cell: u32, items: &[Item], own: &mut Own) -> Result<Vec<(f64, u32, u32)>, Stopped> {
+        const EACH: usize = 16;
+        self.ctl.check()?;
+        let mut seen = Vec::new();
+        self.costs(&mut own.single_precision, cell, items, &mut seen);
+        if seen.len() > EACH {
+            seen.select_nth_unstable_by(EACH, |a, b| a.0.total_cmp(&b.0));
+            seen.truncate(EACH);
+        }
+        Ok(seen)
+    }
+
+    /// From these pairs to leaves with single denominators, keeping the most promising ones at every level: for an incumbent. Without
     /// one near the optimum, the walk would evaluate whatever lies between the two.
-    pub(super) fn beam(&self, from: &[Open], own: &mut Own) -> Result<(), Stopped> {
+    pub(super) fn beam(&self, mut pairs: Vec<Pair>, own: &mut Own) -> Result<(), Stopped> {
         let feedforward = &self.cells.feedforward;
-        let mut pairs: Vec<(u32, u32)> =
-            from.iter().flat_map(|open| open.items.iter().map(|item| (open.cell, item.0))).collect();
         let mut fine = false;
         loop {
             let done = |(cell, block): &(u32, u32)| {
@@ -235,10 +256,8 @@ impl<'a> Walk<'a> {
                     }
                 }
             }
-            seen.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
-            seen.truncate(BEAM);
-            fine = fine || seen.first().is_some_and(|best| best.0 < FINE);
-            pairs = seen.into_iter().map(|(_, cell, block)| (cell, block)).collect();
+            fine = fine || seen.iter().any(|one| one.0 < FINE);
+            pairs = best(seen, BEAM);
         }
         for (cell, block) in pairs {
             self.ctl.check()?;
