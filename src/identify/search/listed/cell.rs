@@ -12,7 +12,7 @@ const ROUGH: f64 = 0.03;
 const STEPS: f64 = u8::MAX as f64;
 
 /// A cluster of feedback controllers, in as little memory as bounds allow: there are many.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Cell {
     /// `1/S` of the centre at each line, which need not be a member's.
     centre: Box<[Complex32]>,

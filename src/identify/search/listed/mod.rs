@@ -10,6 +10,8 @@ mod grower;
 mod kernel;
 mod lines;
 mod principal;
+#[cfg(test)]
+mod proofs;
 mod real;
 mod single;
 mod singles;
