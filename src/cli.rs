@@ -1,7 +1,7 @@
 //! The command line.
 
 use crate::app;
-use crate::config::{DatabaseArgs, ServeArgs, WorkerArgs};
+use crate::config::{CacheArgs, DatabaseArgs, ServeArgs, WorkerArgs};
 use crate::telemetry::{self, LogFormat};
 use clap::{Parser, Subcommand};
 use std::io::Write as _;
@@ -29,6 +29,8 @@ enum Command {
         database: DatabaseArgs,
         #[command(flatten)]
         worker: WorkerArgs,
+        #[command(flatten)]
+        cache: CacheArgs,
     },
     /// Compute queued analyses of a database that a server (or nobody) serves.
     Worker {
@@ -36,6 +38,8 @@ enum Command {
         database: DatabaseArgs,
         #[command(flatten)]
         worker: WorkerArgs,
+        #[command(flatten)]
+        cache: CacheArgs,
         /// Stop when nothing is queued or running any more.
         #[arg(long)]
         until_idle: bool,
@@ -63,6 +67,8 @@ enum Command {
         /// Write the samples that the report carries as CSV, in place of the report.
         #[arg(long)]
         csv: bool,
+        #[command(flatten)]
+        cache: CacheArgs,
     },
 }
 
@@ -84,11 +90,11 @@ pub fn run() -> ExitCode {
 
 fn execute(command: Command) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Serve { serve, database, worker } => {
-            app::block_on(app::serve::serve(&serve, &database, &worker)).map(|()| ExitCode::SUCCESS)
+        Command::Serve { serve, database, worker, cache } => {
+            app::block_on(app::serve::serve(&serve, &database, &worker, &cache)).map(|()| ExitCode::SUCCESS)
         }
-        Command::Worker { database, worker, until_idle } => {
-            app::block_on(app::serve::work(&database, &worker, until_idle)).map(|()| ExitCode::SUCCESS)
+        Command::Worker { database, worker, cache, until_idle } => {
+            app::block_on(app::serve::work(&database, &worker, &cache, until_idle)).map(|()| ExitCode::SUCCESS)
         }
         Command::Migrate { database } => app::block_on(app::serve::migrate(&database)).map(|()| ExitCode::SUCCESS),
         Command::Openapi => {
@@ -98,6 +104,6 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         }
         Command::Demo(args) => app::block_on(app::demo::demo(&args)),
         Command::Import(args) => app::block_on(app::import::import(&args)),
-        Command::Run { spec, compute_threads, csv } => app::run::run(&spec, compute_threads, csv),
+        Command::Run { spec, compute_threads, csv, cache } => app::run::run(&spec, compute_threads, csv, &cache),
     }
 }

@@ -1,10 +1,15 @@
 //! Settings as given (flags, or environment variables of the same names) and their checks.
 
+use crate::analysis::Shared;
 use crate::api::Limits;
-use crate::worker::WorkerSettings;
+use crate::worker::{Folder, WorkerSettings};
 use clap::Args;
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Appendix B takes 1 GiB for a plant and its lines.
+const CACHE_GIB: f64 = 8.0;
 
 /// Where the database is.
 #[derive(Debug, Clone, Args)]
@@ -12,6 +17,18 @@ pub struct DatabaseArgs {
     /// Database file; made if it does not exist.
     #[arg(long, value_name = "FILE", default_value = "volition.db", env = "VOLITION_DATABASE")]
     pub database: PathBuf,
+}
+
+/// Where pools and trees, which trials share, wait for the next process.
+#[derive(Debug, Clone, Args)]
+pub struct CacheArgs {
+    /// Folder for pools and trees; made if it does not exist, and may be deleted at any time. Where there is a database file, it is
+    /// FILE.cache by default.
+    #[arg(long, value_name = "FOLDER", env = "VOLITION_CACHE")]
+    pub cache: Option<PathBuf>,
+    /// Largest size of that folder, in GiB; what was not used for longest goes first. 0: nothing is kept.
+    #[arg(long, value_name = "GIB", default_value_t = CACHE_GIB, value_parser = size_gib, env = "VOLITION_CACHE_GIB")]
+    pub cache_gib: f64,
 }
 
 /// How a worker works.
@@ -67,6 +84,40 @@ pub enum ConfigError {
     /// A limit of zero would refuse everything.
     #[error("{0} must be at least 1")]
     Zero(&'static str),
+}
+
+impl Default for CacheArgs {
+    fn default() -> Self {
+        Self { cache: None, cache_gib: CACHE_GIB }
+    }
+}
+
+impl CacheArgs {
+    /// What analyses share, with a folder to keep it in if there is one: that which was asked for, or one beside the database.
+    #[must_use]
+    pub fn shared(&self, database: Option<&Path>) -> Arc<Shared> {
+        let most_bytes = (self.cache_gib * f64::from(1 << 30)) as u64;
+        // A variable that is set to nothing asks for nothing.
+        let asked = self.cache.clone().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = asked.or_else(|| database.map(beside));
+        Arc::new(match folder.filter(|_| most_bytes > 0) {
+            Some(folder) => Shared::with_shelf(Arc::new(Folder::new(folder, most_bytes))),
+            None => Shared::default(),
+        })
+    }
+}
+
+/// A size in GiB.
+fn size_gib(text: &str) -> Result<f64, String> {
+    let size = text.parse::<f64>().map_err(|error| error.to_string())?;
+    if (0.0..=1e6).contains(&size) { Ok(size) } else { Err("it must be from 0 to 1000000".to_owned()) }
+}
+
+/// The folder of a database file's own: `lab.db.cache` beside `lab.db`.
+fn beside(database: &Path) -> PathBuf {
+    let mut name = database.as_os_str().to_owned();
+    name.push(".cache");
+    PathBuf::from(name)
 }
 
 impl ServeArgs {

@@ -1,7 +1,7 @@
 //! Logs: to standard error, as text for people or JSON lines for machines.
 //!
 //! Field names are fixed: `analysis`, `study`, `trial` (ids), `attempt`, `worker`, `elapsed_s`, `status`, `method`,
-//! `path`, `request_id`. Signals, subject codes and attributes are never logged.
+//! `path`, `request_id`, `file`, `folder`, `bytes`. Signals, subject codes and attributes are never logged.
 
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::layer::SubscriberExt as _;

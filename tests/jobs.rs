@@ -3,7 +3,7 @@
 
 use proptest::prelude::*;
 use std::time::Duration;
-use volition::jobs::{Backoff, EtaEstimator, Event, Job, LeasePolicy, Status};
+use volition::jobs::{Backoff, EtaEstimator, Event, Job, LeasePolicy, Status, run_eta_s};
 use volition::num::Progress;
 
 const DIED: Event = Event::WorkerDied { max_attempts: 3 };
@@ -193,4 +193,17 @@ fn status_names_are_those_on_the_wire() {
         assert_eq!(Status::from_name(status.name()), Some(status));
     }
     assert_eq!(Status::from_name("Queued"), None);
+}
+
+#[test]
+fn a_run_takes_as_long_as_its_latest_analyses_did() {
+    // The first made what the others share.
+    let latest_s = [2.0, 3.0, 46.0];
+    assert_eq!(run_eta_s(&latest_s, 10, 1), Some(31.5));
+    assert_eq!(run_eta_s(&latest_s, 10, 4), Some(9.0));
+    assert_eq!(run_eta_s(&latest_s, 0, 2), Some(1.5));
+    assert_eq!(run_eta_s(&latest_s, 0, 0), Some(0.0));
+    assert_eq!(run_eta_s(&[], 0, 0), Some(0.0));
+    assert_eq!(run_eta_s(&latest_s, 10, 0), None, "nobody works on it");
+    assert_eq!(run_eta_s(&[], 10, 1), None, "nothing is known yet");
 }

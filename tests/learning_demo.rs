@@ -3,12 +3,13 @@
 
 use std::process::ExitCode;
 use volition::app::demo::{DemoArgs, run};
+use volition::config::CacheArgs;
 use volition::store::{Page, Store};
 
 const ALL: Page = Page { after: None, limit: 100 };
 
 fn args(seed: u64, force: bool) -> DemoArgs {
-    DemoArgs { database: None, force, seed, subjects: 1, compute_threads: None }
+    DemoArgs { database: None, force, seed, subjects: 1, compute_threads: None, cache: CacheArgs::default() }
 }
 
 async fn text(store: &Store, seed: u64, force: bool) -> String {

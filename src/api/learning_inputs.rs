@@ -40,12 +40,17 @@ pub struct CurveQuery {
     pub trim: usize,
 }
 
+/// The parameter `spec`.
+pub(super) fn spec_sha256(query: &mut QueryText) -> Result<Option<String>, Problem> {
+    query.one_of("spec", "64 hexadecimal digits", |text| {
+        let is_hash = text.len() == 64 && text.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b));
+        is_hash.then(|| text.to_owned())
+    })
+}
+
 impl FromQuery for CurveQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
-        let spec = query.one_of("spec", "64 hexadecimal digits", |text| {
-            let is_hash = text.len() == 64 && text.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b));
-            is_hash.then(|| text.to_owned())
-        })?;
+        let spec = spec_sha256(query)?;
         Ok(Self {
             plant: query.id("plant")?,
             session: query.integer("session", 0, super::trials::MAX_NUMBER)?,

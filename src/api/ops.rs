@@ -3,7 +3,7 @@
 use super::extract::Params;
 use super::problem::{ApiResult, of_store};
 use super::state::AppState;
-use crate::analysis::{Code, Problem};
+use crate::analysis::{Code, Origins, Problem, Tally};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, header};
@@ -103,7 +103,24 @@ pub async fn readyz(State(state): State<AppState>, Params(()): Params<()>) -> Ap
     }
 }
 
-/// Request counts, latencies and the queue, in the Prometheus text format.
+/// How often the worker of this process found what trials share.
+fn write_tally(tally: &Tally, out: &mut String) -> std::fmt::Result {
+    const NAME: &str = "volition_shared_total";
+    writeln!(
+        out,
+        "# HELP {NAME} Pools and their trees that analyses of this process needed, by where they came from."
+    )?;
+    writeln!(out, "# TYPE {NAME} counter")?;
+    for (what, origins) in [("pool", tally.pools), ("trees", tally.trees)] {
+        let Origins { memory, shelf, made } = origins;
+        for (from, count) in [("memory", memory), ("cache", shelf), ("made", made)] {
+            writeln!(out, "{NAME}{{what=\"{what}\",from=\"{from}\"}} {count}")?;
+        }
+    }
+    Ok(())
+}
+
+/// Request counts, latencies, the queue and the cache, in the Prometheus text format.
 #[utoipa::path(get, path = "/metrics", tag = "operations", operation_id = "metrics",
     responses((status = 200, description = "Counters and gauges.", body = String, content_type = "text/plain")))]
 pub async fn metrics(State(state): State<AppState>, Params(()): Params<()>) -> ApiResult<Response> {
@@ -115,6 +132,7 @@ pub async fn metrics(State(state): State<AppState>, Params(()): Params<()>) -> A
         for (status, count) in analyses {
             writeln!(text, "volition_analyses{{status=\"{}\"}} {count}", status.name())?;
         }
+        write_tally(&state.shared.tally(), &mut text)?;
         state.telemetry.write(&mut text)
     })();
     if written.is_err() {

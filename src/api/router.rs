@@ -100,6 +100,7 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(signals::read))
         .routes(routes!(analyses::create, analyses::list))
         .routes(routes!(study_analyses::create))
+        .routes(routes!(study_analyses::progress))
         .routes(routes!(analyses::read, analyses::delete))
         .routes(routes!(analyses::report))
         .routes(routes!(samples::read))

@@ -1,6 +1,7 @@
 //! What every handler shares.
 
 use super::ops::HttpTelemetry;
+use crate::analysis::Shared;
 use crate::store::Store;
 use std::sync::Arc;
 use std::time::Duration;
@@ -74,6 +75,8 @@ pub struct AppState {
     /// Held while free numbers are looked up and taken, so that uploads at the same time do not chase one another.
     pub(super) numbering: Arc<Mutex<()>>,
     pub(super) telemetry: Arc<HttpTelemetry>,
+    /// What the analyses of this process leave for each other, for the metrics.
+    pub(super) shared: Arc<Shared>,
 }
 
 impl AppState {
@@ -88,6 +91,7 @@ impl AppState {
             uploads: Arc::new(Semaphore::new(Limits::default().concurrent_uploads)),
             numbering: Arc::default(),
             telemetry: Arc::default(),
+            shared: Arc::default(),
         }
     }
 
@@ -103,6 +107,13 @@ impl AppState {
     #[must_use]
     pub fn with_hosts(mut self, hosts: Hosts) -> Self {
         self.hosts = hosts;
+        self
+    }
+
+    /// With what the analyses of this process leave for each other.
+    #[must_use]
+    pub fn with_shared(mut self, shared: Arc<Shared>) -> Self {
+        self.shared = shared;
         self
     }
 

@@ -1,21 +1,24 @@
-//! One analysis for each trial of a study that matches a filter.
+//! One analysis for each trial of a study that matches a filter, and how far they are.
 
 use super::analyses::{Checked, check};
 use super::checks::MAX_NAME;
-use super::extract::{Id, Integer, Json, Params, from_value, off_thread};
+use super::etag::IfNoneMatch;
+use super::extract::{FromQuery, Id, Integer, Json, Params, QueryText, from_value, off_thread};
 use super::idempotency::{Idempotency, IdempotencyHeader};
+use super::learning_inputs::spec_sha256;
 use super::problem::ApiResult;
 use super::state::AppState;
 use super::studies::StudyPath;
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Code, Kind, Problem, Request};
-use crate::store::{TrialFilter, TrialRecord};
+use crate::jobs::{Status, run_eta_s};
+use crate::store::{RunFilter, RunProgress, TrialFilter, TrialRecord};
 use axum::extract::State;
-use axum::http::StatusCode;
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::ToSchema;
+use utoipa::{IntoParams, ToSchema};
 
 /// What to compute, and of which trials.
 #[derive(Debug, Clone, Deserialize, ToSchema)]
@@ -63,7 +66,7 @@ pub struct BulkFilter {
     include_divergent: bool,
 }
 
-/// What was queued.
+/// What was queued: a run.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct BulkAnswer {
     /// How many analyses were queued.
@@ -72,6 +75,8 @@ pub struct BulkAnswer {
     analyses: Vec<BulkAnalysis>,
     /// Trials that match but for a reason named.
     skipped: Vec<Skipped>,
+    /// How far the run is, with what was queued in the same way before.
+    progress: String,
 }
 
 /// An analysis that was queued.
@@ -128,18 +133,18 @@ pub async fn create(
         .into());
     }
     let ids: Vec<TrialId> = trials.iter().map(|trial| trial.id).collect();
-    let new = off_thread(move || {
+    let (progress, new) = off_thread(move || {
         let request = |inputs| Request { kind: kind.clone(), inputs, spec: spec.clone() };
-        if ids.is_empty() {
-            // The spec is checked even where there is nothing to compute.
-            check(&request(json!({"trial": TrialId(uuid::Uuid::nil())})))?;
-        }
-        ids.into_iter()
+        // The spec is checked even where there is nothing to compute.
+        let run = check(&request(json!({"trial": TrialId(uuid::Uuid::nil())})))?.new.spec_sha256;
+        let new = ids
+            .into_iter()
             .map(|trial| {
                 let Checked { new } = check(&request(json!({"trial": trial})))?;
                 Ok((trial, crate::store::NewAnalysis { study: Some(study), ..new }))
             })
-            .collect::<Result<Vec<_>, Problem>>()
+            .collect::<Result<Vec<_>, Problem>>()?;
+        Ok::<_, Problem>((format!("/v1/studies/{study}/progress?kind={kind}&spec={run}"), new))
     })
     .await??;
     let (of_trials, new): (Vec<TrialId>, Vec<_>) = new.into_iter().unzip();
@@ -159,7 +164,82 @@ pub async fn create(
             reason: format!("divergent: |y| reaches {}, beyond the study's display limit", trial.max_abs_output),
         })
         .collect();
-    super::etag::tagged(StatusCode::ACCEPTED, &BulkAnswer { created: analyses.len(), analyses, skipped })
+    super::etag::tagged(StatusCode::ACCEPTED, &BulkAnswer { created: analyses.len(), analyses, skipped, progress })
+}
+
+/// Which analyses of a study.
+#[derive(Debug, Clone, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct RunQuery {
+    /// Only those of this kind.
+    #[param(nullable = false, inline)]
+    kind: Option<Kind>,
+    /// Only those with this `spec_sha256`: done in the same way.
+    #[param(nullable = false, pattern = "^[0-9a-f]{64}$")]
+    spec: Option<String>,
+}
+
+impl FromQuery for RunQuery {
+    fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
+        let kinds = Kind::ALL.map(Kind::name).join(", ");
+        Ok(Self { kind: query.one_of("kind", &kinds, |text| text.parse().ok())?, spec: spec_sha256(query)? })
+    }
+}
+
+/// How far the analyses of a study are.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct StudyProgress {
+    /// Analyses that came to an end, whichever.
+    done: u64,
+    /// Analyses in all.
+    total: u64,
+    /// Seconds left, if it goes on as the latest did; null while none has succeeded or where nobody works on them.
+    #[schema(required = true)]
+    eta_s: Option<f64>,
+    /// How many there are in each status.
+    analyses: StatusCounts,
+}
+
+/// How many analyses there are in each status.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, ToSchema)]
+pub struct StatusCounts {
+    queued: u64,
+    running: u64,
+    succeeded: u64,
+    failed: u64,
+    cancelled: u64,
+}
+
+impl From<RunProgress> for StudyProgress {
+    fn from(run: RunProgress) -> Self {
+        let mut analyses = StatusCounts::default();
+        for (status, count) in run.counts {
+            *match status {
+                Status::Queued => &mut analyses.queued,
+                Status::Running => &mut analyses.running,
+                Status::Succeeded => &mut analyses.succeeded,
+                Status::Failed => &mut analyses.failed,
+                Status::Cancelled => &mut analyses.cancelled,
+            } = count;
+        }
+        let StatusCounts { queued, running, succeeded, failed, cancelled } = analyses;
+        let done = succeeded + failed + cancelled;
+        Self { done, total: done + queued + running, eta_s: run_eta_s(&run.latest_s, queued, running), analyses }
+    }
+}
+
+/// Tells how far a study's analyses are: counts by status, and the time left.
+#[utoipa::path(get, path = "/v1/studies/{study}/progress", tag = "analyses", operation_id = "study_progress",
+    params(StudyPath, RunQuery, IfNoneMatch),
+    responses((status = 200, description = "How far they are.", body = StudyProgress)))]
+pub async fn progress(
+    State(state): State<AppState>,
+    Id(study): Id<StudyId>,
+    Params(RunQuery { kind, spec }): Params<RunQuery>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let run = state.store.run_progress(study, &RunFilter { kind, spec_sha256: spec }).await?;
+    super::etag::conditional(&headers, &StudyProgress::from(run))
 }
 
 /// The filter for the store, which must name things of this study; divergent trials come along, to be named as skipped.

@@ -8,6 +8,7 @@ use crate::analysis::ids::{StudyId, TrialId};
 use crate::analysis::report::sha256_json;
 use crate::analysis::{Plan, Request};
 use crate::api::{AppState, router};
+use crate::config::CacheArgs;
 use crate::jobs::Status;
 use crate::learning::StudyLearningCurves;
 use crate::plants::{Plant, SimulatedStudy};
@@ -55,6 +56,9 @@ pub struct DemoArgs {
     /// Compute threads; by default one for each processor.
     #[arg(long, value_name = "N")]
     pub compute_threads: Option<usize>,
+    /// Where pools and trees wait for the next time.
+    #[command(flatten)]
+    pub cache: CacheArgs,
 }
 
 /// Simulates, stores, identifies, and prints the learning curves; fails (exit code 1) when an analysis failed.
@@ -101,7 +105,7 @@ pub async fn run(args: &DemoArgs, store: &Store, out: &mut impl Write) -> anyhow
         stored.trials.iter().map(|(trial, plant)| request(stored.study, *trial, *plant)).collect::<Result<_, _>>()?;
     store.create_analyses(requests, None).await?;
     let began = Instant::now();
-    let finished = work(store, stored.study, args.compute_threads).await?;
+    let finished = work(store, stored.study, args).await?;
     let seconds = began.elapsed().as_secs_f64();
 
     let curves = learning_curves(store, stored.study).await?;
@@ -167,9 +171,10 @@ fn request(study: StudyId, trial: TrialId, plant: Plant) -> anyhow::Result<NewAn
 }
 
 /// Runs a worker until every analysis of the study is finished.
-async fn work(store: &Store, study: StudyId, threads: Option<usize>) -> anyhow::Result<Vec<AnalysisRecord>> {
-    let settings = WorkerSettings { compute_threads: threads.unwrap_or(0), ..WorkerSettings::default() };
-    let worker = Worker::new(store.clone(), Arc::new(Analyses::default()), settings)?;
+async fn work(store: &Store, study: StudyId, args: &DemoArgs) -> anyhow::Result<Vec<AnalysisRecord>> {
+    let settings = WorkerSettings { compute_threads: args.compute_threads.unwrap_or(0), ..WorkerSettings::default() };
+    let shared = args.cache.shared(args.database.as_deref());
+    let worker = Worker::new(store.clone(), Arc::new(Analyses::new(shared)), settings)?;
     let stop = CancellationToken::new();
     // Dropped with this future when the person interrupts, which stops the worker too.
     let _stop_on_drop = stop.clone().drop_guard();

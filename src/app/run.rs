@@ -1,6 +1,7 @@
 //! `volition run SPEC.json`: one analysis without a server or a database.
 
 use crate::analysis::{Code, Failure, Library, Plan, Problem, Request, excitation};
+use crate::config::CacheArgs;
 use crate::num::{Bracket, Ctl, StopReason};
 use crate::worker::compute;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -25,15 +26,16 @@ const FAILED: u8 = 1;
 ///
 /// # Errors
 /// Only when standard output cannot be written or a thread cannot be started.
-pub fn run(path: &Path, compute_threads: usize, csv: bool) -> anyhow::Result<ExitCode> {
+pub fn run(path: &Path, compute_threads: usize, csv: bool, cache: &CacheArgs) -> anyhow::Result<ExitCode> {
     let plan = match read(path).and_then(|text| parse(&text)) {
         Ok(plan) => plan,
         Err(problem) => return refuse(&problem, BAD_INPUT),
     };
+    let library = Library { shared: cache.shared(None), ..Library::default() };
     let ctl = Arc::new(Ctl::new());
     stop_on_ctrl_c(Arc::clone(&ctl))?;
     let bar = watch(&ctl);
-    let (outcome, _) = compute::run_plan(&plan, &Library::default(), &ctl, compute_threads);
+    let (outcome, _) = compute::run_plan(&plan, &library, &ctl, compute_threads);
     bar.finish_and_clear();
     match outcome {
         Ok(report) if csv => match excitation::samples::csv(&report) {

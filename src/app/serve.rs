@@ -1,7 +1,7 @@
 //! `volition serve`, `worker` and `migrate`: the parts put together.
 
 use crate::api::{self, AppState};
-use crate::config::{DatabaseArgs, ServeArgs, WorkerArgs};
+use crate::config::{CacheArgs, DatabaseArgs, ServeArgs, WorkerArgs};
 use crate::jobs::Status;
 use crate::store::{Store, StoreResult};
 use crate::worker::{Analyses, Worker};
@@ -22,16 +22,22 @@ const IDLE_POLL: Duration = Duration::from_millis(200);
 ///
 /// # Errors
 /// Settings that cannot be used, a database that cannot be opened, an address that cannot be listened on.
-pub async fn serve(serve: &ServeArgs, database: &DatabaseArgs, worker: &WorkerArgs) -> anyhow::Result<()> {
+pub async fn serve(
+    serve: &ServeArgs,
+    database: &DatabaseArgs,
+    worker: &WorkerArgs,
+    cache: &CacheArgs,
+) -> anyhow::Result<()> {
     let address = serve.checked_listen()?;
     let limits = serve.limits()?;
     let store = open(database).await?;
-    let worker = Worker::new(store.clone(), Arc::new(Analyses::default()), worker.settings())?;
+    let shared = cache.shared(Some(&database.database));
+    let worker = Worker::new(store.clone(), Arc::new(Analyses::new(Arc::clone(&shared))), worker.settings())?;
     let listener = TcpListener::bind(address).await.with_context(|| format!("cannot listen on {address}"))?;
     let address = listener.local_addr()?;
 
     let shutdown = stop_on_signal();
-    let state = AppState::new(store.clone()).with_limits(limits).with_shutdown(shutdown.clone());
+    let state = AppState::new(store.clone()).with_limits(limits).with_shared(shared).with_shutdown(shutdown.clone());
     let listening = shutdown.clone();
     let server = tokio::spawn(async move {
         axum::serve(listener, api::router(state)).with_graceful_shutdown(listening.cancelled_owned()).await
@@ -65,9 +71,15 @@ pub async fn serve(serve: &ServeArgs, database: &DatabaseArgs, worker: &WorkerAr
 ///
 /// # Errors
 /// Settings that cannot be used, or a database that cannot be opened.
-pub async fn work(database: &DatabaseArgs, worker: &WorkerArgs, until_idle: bool) -> anyhow::Result<()> {
+pub async fn work(
+    database: &DatabaseArgs,
+    worker: &WorkerArgs,
+    cache: &CacheArgs,
+    until_idle: bool,
+) -> anyhow::Result<()> {
     let store = open(database).await?;
-    let worker = Worker::new(store.clone(), Arc::new(Analyses::default()), worker.settings())?;
+    let shared = cache.shared(Some(&database.database));
+    let worker = Worker::new(store.clone(), Arc::new(Analyses::new(shared)), worker.settings())?;
     let shutdown = stop_on_signal();
     let idle = async {
         while until_idle && !shutdown.is_cancelled() {

@@ -1,4 +1,4 @@
-//! How long a running job will still take.
+//! How long a running job, or a whole run of like ones, will still take.
 
 use crate::num::Progress;
 
@@ -54,4 +54,22 @@ impl EtaEstimator {
         }
         Some(elapsed_us as f64 * 1e-6 * ((total - done) as f64 / done as f64))
     }
+}
+
+/// Seconds until a run of like analyses is finished, if it goes on as it does: the median of what the latest took, for those that wait and
+/// half of it for those under way, shared by as many as are under way. 0 where nothing is left; `None` while none has finished, or
+/// where nobody works on them.
+///
+/// A median, since the first of a run makes what the others share; and not the rate since the beginning, which a night without a server
+/// would spoil.
+#[must_use]
+#[allow(clippy::cast_precision_loss)]
+pub fn run_eta_s(latest_s: &[f64], queued: u64, running: u64) -> Option<f64> {
+    if queued + running == 0 {
+        return Some(0.0);
+    }
+    let mut sorted = latest_s.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let median = *sorted.get(sorted.len() / 2)?;
+    (running > 0).then(|| median * (queued as f64 / running as f64 + 0.5))
 }

@@ -19,6 +19,6 @@ mod eta;
 mod policy;
 mod state;
 
-pub use eta::EtaEstimator;
+pub use eta::{EtaEstimator, run_eta_s};
 pub use policy::{Backoff, BadPolicy, LeasePolicy};
 pub use state::{Event, IllegalTransition, Job, Status};

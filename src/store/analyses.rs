@@ -3,9 +3,11 @@
 use super::error::{StoreError, StoreResult};
 use super::idempotency::{or_deleted, remember, replay};
 use super::open::Store;
-use super::records::{AnalysisFilter, AnalysisRecord, Created, IdempotencyKey, NewAnalysis, Page};
+use super::records::{
+    AnalysisFilter, AnalysisRecord, Created, IdempotencyKey, NewAnalysis, Page, RunFilter, RunProgress,
+};
 use super::rows::{get, json_opt, json_verified, parsed, parsed_opt, sha256, time, time_opt, to_json, unsigned};
-use crate::analysis::ids::AnalysisId;
+use crate::analysis::ids::{AnalysisId, StudyId};
 use crate::jobs::{Event, Job, Status};
 use crate::num::{Bracket, Progress};
 use sqlx::SqliteConnection;
@@ -13,6 +15,9 @@ use sqlx::sqlite::SqliteRow;
 use uuid::Uuid;
 
 pub(super) const NOUN: &str = "analysis";
+
+/// Of how many analyses a run is asked how long they took.
+const LATEST: i64 = 20;
 
 /// Everything but the report, which can be large.
 const COLUMNS: &str =
@@ -136,6 +141,14 @@ async fn link(
         sqlx::query(insert).bind(analysis).bind(position).bind(id).execute(&mut *connection).await?;
     }
     Ok(())
+}
+
+/// Counts for every status.
+fn by_status(counts: &[(String, i64)]) -> Vec<(Status, u64)> {
+    let count = |status: Status| {
+        counts.iter().find(|(name, _)| name == status.name()).map_or(0, |(_, count)| count.unsigned_abs())
+    };
+    Status::ALL.into_iter().map(|status| (status, count(status))).collect()
 }
 
 impl Store {
@@ -285,9 +298,39 @@ impl Store {
     pub async fn count_by_status(&self) -> StoreResult<Vec<(Status, u64)>> {
         let counts: Vec<(String, i64)> =
             sqlx::query_as("SELECT status, count(*) FROM analyses GROUP BY status").fetch_all(self.readers()).await?;
-        let count = |status: Status| {
-            counts.iter().find(|(name, _)| name == status.name()).map_or(0, |(_, count)| count.unsigned_abs())
-        };
-        Ok(Status::ALL.into_iter().map(|status| (status, count(status))).collect())
+        Ok(by_status(&counts))
+    }
+
+    /// How far the analyses of a study are that belong to a run.
+    ///
+    /// # Errors
+    /// [`StoreError::NotFound`] (study), the database's own.
+    pub async fn run_progress(&self, study: StudyId, run: &RunFilter) -> StoreResult<RunProgress> {
+        let mut connection = self.readers().acquire().await?;
+        super::studies::must_exist(&mut connection, study).await?;
+        let counts: Vec<(String, i64)> = sqlx::query_as(
+            "SELECT status, count(*) FROM analyses
+             WHERE study_id = $1 AND ($2 IS NULL OR kind = $2) AND ($3 IS NULL OR spec_sha256 = $3)
+             GROUP BY status",
+        )
+        .bind(study.to_string())
+        .bind(run.kind.map(|kind| kind.name()))
+        .bind(&run.spec_sha256)
+        .fetch_all(&mut *connection)
+        .await?;
+        let took_us: Vec<i64> = sqlx::query_scalar(
+            "SELECT finished_at - started_at FROM analyses
+             WHERE study_id = $1 AND ($2 IS NULL OR kind = $2) AND ($3 IS NULL OR spec_sha256 = $3)
+               AND status = 'succeeded' AND started_at IS NOT NULL
+             ORDER BY finished_at DESC LIMIT $4",
+        )
+        .bind(study.to_string())
+        .bind(run.kind.map(|kind| kind.name()))
+        .bind(&run.spec_sha256)
+        .bind(LATEST)
+        .fetch_all(&mut *connection)
+        .await?;
+        let latest_s = took_us.iter().map(|us| us.max(&0).unsigned_abs() as f64 * 1e-6).collect();
+        Ok(RunProgress { counts: by_status(&counts), latest_s })
     }
 }

@@ -313,6 +313,24 @@ pub struct AnalysisFilter {
     pub status: Option<Status>,
 }
 
+/// Which analyses of a study belong to a run.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct RunFilter {
+    /// Only of this kind.
+    pub kind: Option<Kind>,
+    /// Only with a spec of this SHA-256, in lower-case hexadecimal.
+    pub spec_sha256: Option<String>,
+}
+
+/// How far a run is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunProgress {
+    /// How many analyses there are in each status, zeros included.
+    pub counts: Vec<(Status, u64)>,
+    /// Seconds that the last attempts of those took that succeeded latest.
+    pub latest_s: Vec<f64>,
+}
+
 /// The report of an analysis of a single trial.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrialReport {

@@ -41,6 +41,14 @@ pub struct Analyses {
     shared: Arc<Shared>,
 }
 
+impl Analyses {
+    /// Over what they leave for each other: with a shelf in it, for the next process too.
+    #[must_use]
+    pub fn new(shared: Arc<Shared>) -> Self {
+        Self { shared }
+    }
+}
+
 /// A plan that finds what earlier ones have left.
 struct Sharing {
     plan: Plan,

@@ -274,6 +274,22 @@ async fn a_study_is_analysed_trial_by_trial() {
         server.post(&path, &json!({"kind": "frequency_response", "filter": {"group": "nobody"}})).await.json(202);
     assert_eq!((&none["created"], &none["analyses"]), (&json!(0), &json!([])));
 
+    // All were asked for in the same way, so they are one run; another spec is another one.
+    let path_of = |answer: &Value| answer["progress"].as_str().unwrap().to_owned();
+    let progress = path_of(&all);
+    assert_eq!([path_of(&some), path_of(&none)], [progress.clone(), progress.clone()]);
+    let detrended = json!({"kind": "frequency_response", "spec": {"detrend": "mean"}, "filter": {"session": 2}});
+    let detrended = server.post(&path, &detrended).await.json(202);
+    let queued = |count: u64| {
+        json!({"done": 0, "total": count, "eta_s": null, "analyses":
+            {"queued": count, "running": 0, "succeeded": 0, "failed": 0, "cancelled": 0}})
+    };
+    assert_eq!(server.get(&progress).await.json(200), queued(8));
+    assert_eq!(server.get(&path_of(&detrended)).await.json(200), queued(1));
+    let whole = format!("/v1/studies/{}/progress", lab.study);
+    assert_eq!(server.get(&whole).await.json(200), queued(9));
+    assert_eq!(server.get(&format!("{whole}?kind=ssid")).await.json(200)["total"], 0);
+
     let census = server.census().await;
     for (body, place) in [
         (json!({"kind": "sisd"}), "/kind"),
@@ -290,6 +306,8 @@ async fn a_study_is_analysed_trial_by_trial() {
     }
     assert_eq!(server.census().await, census);
     server.work().await;
+    let done = server.get(&whole).await.json(200);
+    assert_eq!((&done["done"], &done["total"], &done["eta_s"]), (&json!(9), &json!(9), &json!(0.0)), "{done}");
     server.finish().await;
 }
 

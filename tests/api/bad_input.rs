@@ -264,6 +264,9 @@ async fn queries_and_paths() {
         (format!("{curves}?include_divergent=yes"), "query parameter include_divergent"),
         (format!("{curves}?spec=abc"), "query parameter spec"),
         (format!("{curves}?trim=-1"), "query parameter trim"),
+        (format!("/v1/studies/{}/progress?kind=sisd", lab.study), "query parameter kind"),
+        (format!("/v1/studies/{}/progress?spec=abc", lab.study), "query parameter spec"),
+        (format!("/v1/studies/{}/progress?status=queued", lab.study), "query parameter status"),
         (format!("{responses}?trial=zeroth"), "query parameter trial"),
         (format!("{responses}?trial=0"), "query parameter trial"),
         (format!("{responses}?omega_from_rad_s=-1"), "query parameter omega_from_rad_s"),
@@ -291,6 +294,7 @@ async fn queries_and_paths() {
         (format!("{curves}?plant={nobody}"), Some("query parameter plant")),
         (format!("{curves}?spec={}", "0".repeat(64)), Some("query parameter spec")),
         (format!("/v1/subjects/{nobody}/learning-curves"), None),
+        (format!("/v1/studies/{nobody}/progress"), None),
         (format!("/v1/analyses/{nobody}/events"), None),
         (format!("/v1/analyses/{nobody}/report"), None),
     ] {

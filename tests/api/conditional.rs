@@ -21,6 +21,7 @@ async fn unchanged_things_are_not_sent_again() {
         format!("/v1/studies/{}/learning-curves", lab.study),
         format!("/v1/subjects/{}/learning-curves", lab.subject),
         format!("/v1/studies/{}/frequency-responses", lab.study),
+        format!("/v1/studies/{}/progress", lab.study),
         "/openapi.json".to_owned(),
     ] {
         let first = server.get(&path).await;

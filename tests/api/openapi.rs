@@ -96,6 +96,7 @@ async fn every_operation_succeeds_over_http() {
         call("POST", "/v1/analyses", Some(request.clone()), 202),
         call("GET", "/v1/analyses", None, 200),
         call("POST", "/v1/studies/{study}/analyses", Some(json!({"kind": "frequency_response"})), 202),
+        call("GET", "/v1/studies/{study}/progress", None, 200),
         call("GET", "/v1/analyses/{analysis}", None, 200),
         call("GET", "/v1/analyses/{analysis}/report", None, 200),
         // A frequency response carries none.

@@ -54,6 +54,7 @@ async fn health_and_metrics() {
     let text = metrics.text();
     for line in [
         "volition_analyses{status=\"queued\"} 0",
+        "volition_shared_total{what=\"trees\",from=\"cache\"} 0",
         "volition_http_request_duration_seconds_count{method=\"GET\",route=\"/v1/studies/{study}\",status=\"404\"} 1",
         "volition_http_request_duration_seconds_bucket{method=\"GET\",route=\"/healthz\",status=\"200\",le=\"+Inf\"} 1",
     ] {

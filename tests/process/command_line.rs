@@ -234,3 +234,37 @@ fn the_openapi_command_writes_the_committed_document() {
     let committed = concat!(env!("CARGO_MANIFEST_DIR"), "/openapi/openapi.json");
     assert_eq!(String::from_utf8(output.stdout).unwrap(), std::fs::read_to_string(committed).unwrap());
 }
+
+#[test]
+fn run_keeps_trees_where_it_is_asked_to_and_nowhere_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let omega = [0.7, 1.1, 1.6, 2.2, 2.6, 3.0];
+    let h: Vec<[f64; 2]> = omega.iter().map(|w: &f64| [w.cos(), -w.sin()]).collect();
+    let document = json!({
+        "kind": "ssid",
+        "inputs": {"plant": {"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null},
+                   "frequency_response": {"omega_rad_s": omega, "h": h}},
+        "spec": {"refine": false, "pool": {"name": "zhang2015_appendix_b",
+                 "thin": {"poles": 8, "feedforward_poles": 6, "zeros": 8, "damping": 4, "gains": 2}}}
+    });
+    let run = |more: &[&str]| {
+        let mut command = volition(&["run", "-"]);
+        command.args(more).current_dir(folder.path()).env("VOLITION_LOG", "info").stdin(Stdio::piped());
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        child.stdin.take().unwrap().write_all(document.to_string().as_bytes()).unwrap();
+        let output = child.wait_with_output().unwrap();
+        let log = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{log}");
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let said = |words: &str| log.lines().filter(|line| line.contains(words)).count();
+        (report["provenance"]["result_sha256"].clone(), [said("kept in the cache"), said("read from the cache")])
+    };
+    let (result, said) = run(&[]);
+    assert_eq!(said, [0, 0]);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    assert_eq!(run(&["--cache", "trees"]), (result.clone(), [2, 0]));
+    assert_eq!(run(&["--cache", "trees"]), (result.clone(), [0, 2]));
+    assert_eq!(run(&["--cache", "trees", "--cache-gib", "0"]), (result, [0, 0]));
+    let output = volition(&["run", "-", "--cache-gib=-1"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
+}

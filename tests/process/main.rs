@@ -6,3 +6,4 @@ mod excitation;
 mod harness;
 mod kill;
 mod restart;
+mod resume;

@@ -1,7 +1,7 @@
 use super::*;
 use volition::analysis::ids::AnalysisId;
 use volition::jobs::{Event, Job, Status};
-use volition::store::{AnalysisFilter, AnalysisRecord, Claim, Lease};
+use volition::store::{AnalysisFilter, AnalysisRecord, Claim, Lease, RunFilter, RunProgress};
 
 #[tokio::test]
 async fn an_analysis_comes_back_as_it_was_asked_for() {
@@ -77,6 +77,45 @@ async fn lists_filter_by_study_trial_kind_and_status() {
     let counts = store.count_by_status().await.unwrap();
     let expected = [3, 0, 0, 0, 1];
     assert_eq!(counts, Status::ALL.into_iter().zip(expected).collect::<Vec<_>>());
+}
+
+#[tokio::test]
+async fn a_run_counts_what_was_asked_for_in_the_same_way() {
+    let bench = Bench::new().await;
+    let store = &bench.store;
+    let (study, plant, subject) = bench.lab().await;
+    let trial = bench.trial(subject, plant, 1).await;
+    let other_spec = "6".repeat(64);
+    let of = async |new: NewAnalysis| store.create_analysis(new, None).await.unwrap().into_inner().id;
+    for _ in 0..4 {
+        of(new_analysis(vec![trial])).await;
+    }
+    of(NewAnalysis { spec_sha256: other_spec.clone(), ..new_analysis(vec![trial]) }).await;
+    of(NewAnalysis { kind: Kind::FrequencyResponse, ..new_analysis(vec![trial]) }).await;
+    of(new_analysis(Vec::new())).await;
+    for seconds in [3.0, 1.5] {
+        let lease = store.claim("w", 15.0).await.unwrap().unwrap().lease;
+        bench.pass(seconds);
+        assert!(store.succeed(&lease, &report(1.0)).await.unwrap());
+    }
+    let lease = store.claim("w", 15.0).await.unwrap().unwrap().lease;
+    bench.pass(100.0);
+    store.fail(&lease, &problem()).await.unwrap();
+    store.claim("w", 15.0).await.unwrap().unwrap();
+
+    let progress = async |run: RunFilter| {
+        let RunProgress { counts, latest_s } = store.run_progress(study, &run).await.unwrap();
+        assert_eq!(counts.iter().map(|(status, _)| *status).collect::<Vec<_>>(), Status::ALL);
+        (counts.into_iter().map(|(_, count)| count).collect::<Vec<_>>(), latest_s)
+    };
+    // In the order of `Status::ALL`; the latest first, and of those that succeeded only.
+    assert_eq!(progress(RunFilter::default()).await, (vec![2, 1, 2, 1, 0], vec![1.5, 3.0]));
+    let ssid = RunFilter { kind: Some(Kind::Ssid), ..RunFilter::default() };
+    assert_eq!(progress(ssid.clone()).await.0, [1, 1, 2, 1, 0]);
+    let other = RunFilter { spec_sha256: Some(other_spec), ..ssid };
+    assert_eq!(progress(other).await, (vec![1, 0, 0, 0, 0], vec![]));
+    let nobody = StudyId(uuid::Uuid::nil());
+    assert_not_found(store.run_progress(nobody, &RunFilter::default()).await, "study");
 }
 
 #[tokio::test]

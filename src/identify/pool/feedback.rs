@@ -152,11 +152,17 @@ impl Opened<'_> {
 }
 
 impl FeedbackTable {
-    /// Counts the stable controllers and makes the table.
+    /// Counts the stable controllers, unless their numbers are known from an earlier table of the same lists on the same plant, and makes
+    /// the table.
     ///
     /// # Errors
     /// [`Stopped`] when `ctl` says so.
-    pub(super) fn new(lists: FeedbackLists, plant: MappedPlant, ctl: &Ctl) -> Result<Self, Stopped> {
+    pub(super) fn new(
+        lists: FeedbackLists,
+        plant: MappedPlant,
+        known: Option<&[u64]>,
+        ctl: &Ctl,
+    ) -> Result<Self, Stopped> {
         let steps: Vec<Vec<f64>> = lists.numerators.iter().map(|n| multiply(&plant.numerator, &n.mapped)).collect();
         let scan = (plant.padding == 0 && steps.iter().all(|step| step.len() == scan::LENGTH)).then(|| {
             let squares = match &lists.normalisation {
@@ -180,6 +186,10 @@ impl FeedbackTable {
             table.rows_per_block = table.rows_per_block.next_multiple_of(per_denominator);
         }
         let blocks = rows.div_ceil(table.rows_per_block);
+        if let Some(known) = known.filter(|known| table.may_have(known, blocks)) {
+            table.before = known.to_vec();
+            return Ok(table);
+        }
         ctl.set_total(rows as u64);
         let counts =
             (0..blocks).into_par_iter().map(|block| table.count(block, ctl)).collect::<Result<Vec<u64>, Stopped>>()?;
@@ -187,6 +197,19 @@ impl FeedbackTable {
             table.before.push(table.before[table.before.len() - 1] + count);
         }
         Ok(table)
+    }
+
+    /// Whether these can be the numbers of controllers before each block.
+    fn may_have(&self, before: &[u64], blocks: usize) -> bool {
+        let most = (self.rows_per_block * self.lists.gains.len().max(1)) as u64;
+        let each = |pair: &[u64]| pair[1].checked_sub(pair[0]).is_some_and(|count| count <= most);
+        before.len() == blocks + 1 && before[0] == 0 && before.windows(2).all(each)
+    }
+
+    /// The number of controllers before each block, and in all: what takes long to find out about a large table.
+    #[must_use]
+    pub fn counts(&self) -> &[u64] {
+        &self.before
     }
 
     /// Counts the stable controllers of a block.

@@ -315,6 +315,15 @@ impl Recipe {
     /// # Errors
     /// [`PoolError`].
     pub fn build(&self, plant: &System, ctl: &Ctl) -> Result<Pool, PoolError> {
+        self.build_counted(plant, None, ctl)
+    }
+
+    /// [`Recipe::build`] without testing every controller, where [`FeedbackTable::counts`] of an earlier pool of this recipe on this plant
+    /// are known. Counts that cannot be right are not used; those of another pool must not be given.
+    ///
+    /// # Errors
+    /// [`PoolError`].
+    pub fn build_counted(&self, plant: &System, counts: Option<&[u64]>, ctl: &Ctl) -> Result<Pool, PoolError> {
         let time = Time::of(plant);
         match (self.sampled, time) {
             (Some(false), Time::Sampled(t)) => {
@@ -401,7 +410,7 @@ impl Recipe {
         };
         let padding = (plant_degree + feedback_degree) - (dp + dfb);
         let plant = MappedPlant { denominator: mapped(den), numerator: mapped(num), padding };
-        let feedback = FeedbackTable::new(lists, plant, ctl)?;
+        let feedback = FeedbackTable::new(lists, plant, counts, ctl)?;
         if feedback.is_empty() {
             return Err(PoolError::NoFeedback(combinations));
         }

@@ -1,6 +1,7 @@
 //! The search that fits a pool, with the work that trials of one study share.
 
 use super::listed::{self, Cells, Listed};
+use super::shelf::{Key, Maker, Shelf, Sink, Source, bad};
 use super::tree::{self, BranchAndBound, Prepared};
 use super::{Exhaustive, Optimum, Search};
 use crate::control::System;
@@ -8,6 +9,7 @@ use crate::identify::pool::{Pool, PoolError, Recipe};
 use crate::identify::problem::Problem;
 use crate::num::{Complex64, Ctl, Stopped};
 use serde::{Deserialize, Serialize};
+use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
 use utoipa::ToSchema;
 
@@ -43,10 +45,53 @@ const WORTH_LISTING: usize = 100;
 /// Pools whose trees are kept.
 const KEPT: usize = 2;
 
-/// Pools and their trees, kept from one trial to the next: they depend on the plant and the lines, not on what was measured.
+/// The first byte of trees on a shelf.
+const LISTED: u8 = 1;
+const PRODUCT: u8 = 2;
+
+/// Pools and their trees, kept from one trial to the next: they depend on the plant and the lines, not on what was measured. In memory for
+/// the process, and on a shelf, where there is one, for the next.
 #[derive(Debug, Default)]
 pub struct Shared {
     pools: Mutex<Vec<KeptPool>>,
+    shelf: Option<Arc<dyn Shelf>>,
+    tally: Mutex<Tally>,
+}
+
+/// How often something that trials share was needed, by where it came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Origins {
+    /// An earlier trial of this process had left it.
+    pub memory: u64,
+    /// It was read from the shelf.
+    pub shelf: u64,
+    /// It was made.
+    pub made: u64,
+}
+
+/// What has been needed so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Tally {
+    /// Pools, whose stable controllers are to be counted.
+    pub pools: Origins,
+    /// Trees, or clusters, of a pool at the lines of a trial.
+    pub trees: Origins,
+}
+
+/// Where something came from that was not in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Origin {
+    Shelf,
+    Made,
+}
+
+impl Origins {
+    fn count(&mut self, origin: Origin) {
+        match origin {
+            Origin::Shelf => self.shelf += 1,
+            Origin::Made => self.made += 1,
+        }
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -77,6 +122,42 @@ impl Trees {
             None => Ok(Self::Product(Arc::new(Prepared::new(problem, pool, ctl)?))),
         }
     }
+
+    fn save(&self, to: &mut Sink<'_>) -> io::Result<()> {
+        match self {
+            Self::Listed(cells) => {
+                to.plain(LISTED)?;
+                cells.save(to)
+            }
+            Self::Product(prepared) => {
+                to.plain(PRODUCT)?;
+                prepared.save(to)
+            }
+        }
+    }
+
+    fn load(problem: &Problem, pool: &Pool, from: &mut Source<'_>, ctl: &Ctl) -> io::Result<Self> {
+        match from.plain()? {
+            LISTED => Ok(Self::Listed(Arc::new(Cells::load(problem, pool, from, ctl)?))),
+            PRODUCT => Ok(Self::Product(Arc::new(Prepared::load(problem, pool, from)?))),
+            _ => Err(bad("neither clusters nor trees")),
+        }
+    }
+}
+
+/// What a shelf has of a pool, or of a pool at some lines.
+fn key_of(kind: &'static str, recipe: &Recipe, plant: &System, lines: Option<&Lines>) -> Key {
+    let mut maker = Maker::new(kind);
+    maker.recipe(recipe);
+    maker.plant(plant);
+    if let Some((lines, degree)) = lines {
+        maker.lines(lines);
+        maker.length(*degree);
+        maker.length(WORTH_LISTING);
+        listed::parameters(&mut maker);
+        tree::parameters(&mut maker);
+    }
+    maker.key()
 }
 
 fn lines_of(problem: &Problem, pool: &Pool) -> Lines {
@@ -88,6 +169,50 @@ impl Shared {
     fn with<T>(&self, use_pools: impl FnOnce(&mut Vec<KeptPool>) -> T) -> T {
         // What is kept is complete whenever the lock is free, so a panic elsewhere does it no harm.
         use_pools(&mut self.pools.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// With a shelf, on which pools and trees wait for the next process.
+    #[must_use]
+    pub fn with_shelf(shelf: Arc<dyn Shelf>) -> Self {
+        Self { shelf: Some(shelf), ..Self::default() }
+    }
+
+    /// What has been needed so far, and where it came from.
+    #[must_use]
+    pub fn tally(&self) -> Tally {
+        *self.tally.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn note(&self, note: impl FnOnce(&mut Tally)) {
+        note(&mut self.tally.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    /// From the shelf, or made and put there. Without a key it is made and stays in memory.
+    fn load_or_make<T, E: From<Stopped>>(
+        &self,
+        key: Option<&Key>,
+        load: impl Fn(&mut Source<'_>) -> io::Result<T>,
+        make: impl FnOnce() -> Result<T, E>,
+        save: impl Fn(&T, &mut Sink<'_>) -> io::Result<()>,
+        ctl: &Ctl,
+    ) -> Result<(T, Origin), E> {
+        let shelved = self.shelf.as_ref().zip(key);
+        if let Some((shelf, key)) = shelved {
+            let mut loaded = None;
+            let believed = shelf.load(key, &mut |from, length| {
+                loaded = Some(load(&mut Source::new(from, length, ctl))?);
+                Ok(())
+            });
+            ctl.check()?;
+            if let Some(loaded) = loaded.filter(|_| believed) {
+                return Ok((loaded, Origin::Shelf));
+            }
+        }
+        let made = make()?;
+        if let Some((shelf, key)) = shelved {
+            shelf.save(key, &mut |to| save(&made, &mut Sink::new(to, ctl)));
+        }
+        Ok((made, Origin::Made))
     }
 }
 
@@ -112,9 +237,25 @@ impl Search for Automatic<'_> {
             Some(pool)
         });
         if let Some(pool) = known {
+            self.shared.note(|tally| tally.pools.memory += 1);
             return Ok(pool);
         }
-        let pool = Arc::new(recipe.build(plant, ctl)?);
+        let key = (recipe.combinations() > u128::from(SMALL)).then(|| key_of("counts", recipe, plant, None));
+        let load = |from: &mut Source<'_>| {
+            let counts = from.array()?;
+            // A recipe and a plant that make no pool have left nothing on the shelf.
+            let pool = recipe.build_counted(plant, Some(&counts), ctl).map_err(io::Error::other)?;
+            if pool.feedback().counts() == counts { Ok(pool) } else { Err(bad("counts of another pool")) }
+        };
+        let (pool, origin) = self.shared.load_or_make(
+            key.as_ref(),
+            load,
+            || recipe.build(plant, ctl),
+            |pool, to| to.array(pool.feedback().counts()),
+            ctl,
+        )?;
+        self.shared.note(|tally| tally.pools.count(origin));
+        let pool = Arc::new(pool);
         self.shared.with(|pools| {
             if pools.len() >= KEPT {
                 pools.remove(0);
@@ -135,15 +276,29 @@ impl Search for Automatic<'_> {
         }
         let lines = lines_of(problem, pool);
         let own = |kept: &&mut KeptPool| std::ptr::eq(Arc::as_ptr(&kept.pool), pool);
-        let known = self.shared.with(|pools| {
-            let kept = pools.iter_mut().find(own)?;
-            let (of, prepared) = kept.prepared.as_ref()?;
-            (*of == lines).then(|| prepared.clone())
+        let (known, of) = self.shared.with(|pools| {
+            let Some(kept) = pools.iter_mut().find(own) else { return (None, None) };
+            match kept.prepared.as_ref().filter(|(of, _)| *of == lines) {
+                Some((_, prepared)) => (Some(prepared.clone()), None),
+                None => (None, Some((kept.recipe.clone(), kept.plant.clone()))),
+            }
         });
         let prepared = match known {
-            Some(prepared) => prepared,
+            Some(prepared) => {
+                self.shared.note(|tally| tally.trees.memory += 1);
+                prepared
+            }
             None => {
-                let prepared = Trees::new(problem, pool, ctl)?;
+                // Where other pools have pushed this one out meanwhile, the trees are made for this search alone.
+                let key = of.map(|(recipe, plant)| key_of("trees", &recipe, &plant, Some(&lines)));
+                let (prepared, origin) = self.shared.load_or_make(
+                    key.as_ref(),
+                    |from| Trees::load(problem, pool, from, ctl),
+                    || Trees::new(problem, pool, ctl),
+                    |prepared, to| prepared.save(to),
+                    ctl,
+                )?;
+                self.shared.note(|tally| tally.trees.count(origin));
                 self.shared.with(|pools| {
                     if let Some(kept) = pools.iter_mut().find(own) {
                         kept.prepared = Some((lines, prepared.clone()));

@@ -8,16 +8,18 @@ mod exhaustive;
 mod kernel;
 pub mod listed;
 mod near;
+pub mod shelf;
 pub mod tree;
 
 use super::pool::{Pool, PoolError, Recipe};
 use super::problem::Problem;
 use crate::control::System;
 use crate::num::{Ctl, Stopped};
-pub use automatic::{Automatic, Method, Shared};
+pub use automatic::{Automatic, Method, Origins, Shared, Tally};
 pub use exhaustive::Exhaustive;
 pub use listed::{Cells, Listed};
 pub use near::MOST_NEAR;
+pub use shelf::{Key, Shelf};
 use std::sync::Arc;
 pub use tree::{BranchAndBound, Prepared};
 

@@ -15,15 +15,15 @@ const STEPS: f64 = u8::MAX as f64;
 #[derive(Debug, Clone)]
 pub(super) struct Cell {
     /// `1/S` of the centre at each line, which need not be a member's.
-    centre: Box<[Complex32]>,
+    pub(super) centre: Box<[Complex32]>,
     /// Principal directions, one after another.
-    directions: Box<[Part]>,
+    pub(super) directions: Box<[Part]>,
     /// Range of the coordinate along each.
-    ranges: [[f32; 2]; ALL],
+    pub(super) ranges: [[f32; 2]; ALL],
     /// Range of its members' coordinates in the cluster that it is a part of, as shares of that one's range.
-    within: [[u8; 2]; ALL],
+    pub(super) within: [[u8; 2]; ALL],
     /// Three values a line: see [`Profile`].
-    profile: Box<[[f32; 3]]>,
+    pub(super) profile: Box<[[f32; 3]]>,
     /// Largest norm of what all directions leave over, in units of [`Profile::scale`].
     pub reach: f32,
     /// The members, a range of the sorted list.

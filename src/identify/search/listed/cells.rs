@@ -15,10 +15,10 @@ use num_complex::Complex64;
 use rayon::prelude::*;
 
 /// Clusters of at most so many members are not divided. Smaller ones save a search little time and cost much memory.
-const LEAF: usize = 64;
+pub(super) const LEAF: usize = 64;
 
 /// Bits of a member that hold the position of its gain.
-const GAIN_BITS: u32 = 7;
+pub(super) const GAIN_BITS: u32 = 7;
 
 /// The most controllers that are listed (8 bytes each while they are sorted).
 const LARGEST_LIST: u64 = 50_000_000;
@@ -26,10 +26,10 @@ const LARGEST_LIST: u64 = 50_000_000;
 /// Controllers that share denominator and numerator.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
-    denominator: u32,
-    numerator: u32,
+    pub(super) denominator: u32,
+    pub(super) numerator: u32,
     /// What turns a listed gain into the factor in front of the numerator.
-    unit: f64,
+    pub(super) unit: f64,
 }
 
 /// The clusters of a pool at the lines of a problem.
@@ -37,12 +37,12 @@ pub(super) struct Row {
 pub struct Cells {
     pub(super) nodes: Vec<Cell>,
     pub(super) roots: Vec<u32>,
-    members: Vec<u32>,
-    rows: Vec<Row>,
-    gains: Vec<f64>,
+    pub(super) members: Vec<u32>,
+    pub(super) rows: Vec<Row>,
+    pub(super) gains: Vec<f64>,
     /// `G/D` of each denominator, and each numerator, at the lines.
-    denominators: Vec<Vec<Complex64>>,
-    numerators: Vec<Vec<Complex64>>,
+    pub(super) denominators: Vec<Vec<Complex64>>,
+    pub(super) numerators: Vec<Vec<Complex64>>,
     /// How many denominators make a stable loop without feedback, and the first of them.
     pub(super) without_feedback: Option<(u64, usize)>,
     pub(super) feedforward: super::denominators::Denominators,
@@ -78,6 +78,18 @@ impl Table<'_> {
     }
 }
 
+/// `G/D` of each denominator, and each numerator, at the lines.
+pub(super) fn at_lines(problem: &Problem, pool: &Pool) -> [Vec<Vec<Complex64>>; 2] {
+    let table = pool.feedback();
+    let denominator = |d: &[f64]| {
+        problem.reciprocal_at_lines(d).iter().zip(problem.lines()).map(|(d, line)| line.plant * d).collect()
+    };
+    [
+        table.denominators().par_iter().map(|d| denominator(&d.coefficients)).collect(),
+        table.numerators().iter().map(|n| problem.at_lines(&n.coefficients)).collect(),
+    ]
+}
+
 impl Cells {
     /// Lists and clusters the controllers. The measured responses of the problem are not used. `None` where [`can_list`] says no.
     ///
@@ -97,14 +109,7 @@ impl Cells {
         }
         let Some(feedforward) = super::denominators::Denominators::new(problem, pool, ctl)? else { return Ok(None) };
         let table = pool.feedback();
-        let plant: Vec<Complex64> = problem.lines().iter().map(|line| line.plant).collect();
-        let denominators: Vec<Vec<Complex64>> = table
-            .denominators()
-            .par_iter()
-            .map(|d| problem.reciprocal_at_lines(&d.coefficients).iter().zip(&plant).map(|(d, g)| g * d).collect())
-            .collect();
-        let numerators: Vec<Vec<Complex64>> =
-            table.numerators().iter().map(|n| problem.at_lines(&n.coefficients)).collect();
+        let [denominators, numerators] = at_lines(problem, pool);
         let listed = (0..denominators.len())
             .into_par_iter()
             .map(|denominator| {
@@ -143,7 +148,7 @@ impl Cells {
         let gains = table.gains().to_vec();
         let grower = Grower {
             table: Table { rows: &rows, gains: &gains, denominators: &denominators, numerators: &numerators },
-            lines: plant.len(),
+            lines: problem.lines().len(),
             leaf: leaf.max(1),
             ctl,
         };

@@ -15,8 +15,8 @@ const LEAST_SHARE: f64 = 0.01;
 /// A part of a nearly unit vector, as it is kept. Any vectors will do, as long as everyone uses the same.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Part {
-    re: i16,
-    im: i16,
+    pub(super) re: i16,
+    pub(super) im: i16,
 }
 
 impl Part {

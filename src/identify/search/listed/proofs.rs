@@ -100,9 +100,9 @@ fn nothing_is_refused_that_costs_less_than_the_limit() {
         for share in [0.0, 0.05, 0.4] {
             let single = check::<f32>(&problem, &pool, &cells, share);
             let double = check::<f64>(&problem, &pool, &cells, share);
-            // Nearly as much is refused in single precision.
+            // In single precision nearly as much is refused.
             for (i, (single, double)) in single.into_iter().zip(double).enumerate() {
-                assert!(single as f64 > 0.98 * double as f64 - 100.0, "{degree} {noise} {share}: {single} {double}");
+                assert!(single as f64 > 0.9 * double as f64 - 100.0, "{degree} {noise} {share}: {single} {double}");
                 refused[i] += double;
             }
         }

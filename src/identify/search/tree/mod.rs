@@ -1,6 +1,7 @@
 //! The exact search by branch and bound over pairs of clusters: of feedback controllers, and of feedforward denominators.
 
 pub(super) mod axis;
+mod kept;
 mod kernel;
 mod prepared;
 mod ranges;
@@ -11,6 +12,7 @@ use super::{NEAR, Optimum, Search, exact};
 use crate::identify::pool::{Pool, Position};
 use crate::identify::problem::Problem;
 use crate::num::{Ctl, Stopped};
+pub(super) use kept::parameters;
 pub use prepared::Prepared;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};

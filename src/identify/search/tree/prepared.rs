@@ -8,7 +8,7 @@ use crate::num::{Ctl, Stopped};
 use num_complex::Complex64;
 
 /// Members of the leaves of the feedback trees.
-const LEAF: usize = 2;
+pub(super) const LEAF: usize = 2;
 
 /// The trees of a pool at the lines of a problem. All trials with the same plant, lines and pool share it.
 #[derive(Debug)]

@@ -13,11 +13,11 @@ const LARGEST_TABLE: usize = 1 << 23;
 #[derive(Debug)]
 pub(super) struct Ranges {
     /// Position of each node of the two trees in the table.
-    denominators: Vec<u32>,
-    numerators: Vec<u32>,
-    columns: usize,
+    pub(super) denominators: Vec<u32>,
+    pub(super) numerators: Vec<u32>,
+    pub(super) columns: usize,
     /// `[low, high)` for positive gains, then for negative ones; rounded outwards.
-    table: Vec<[f32; 4]>,
+    pub(super) table: Vec<[f32; 4]>,
 }
 
 const EMPTY: [f32; 4] = [f32::INFINITY, f32::NEG_INFINITY, f32::INFINITY, f32::NEG_INFINITY];
