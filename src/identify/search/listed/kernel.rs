@@ -147,6 +147,12 @@ struct Bound<'a, N, const P: usize, const Q: usize> {
     out: &'a mut Bounds<N>,
 }
 
+/// A line: the cluster, the basis functions, the blocks.
+type Line<'a, N> = ((&'a [N; field::COUNT], &'a [N]), &'a [[N; LANES]; 3]);
+
+/// A number for each coefficient of the numerator, half by half.
+type Sides<V, const P: usize, const Q: usize> = ([V; P], [V; Q]);
+
 /// A vector of the lanes.
 #[inline(always)]
 fn vector<S: Simd, N: Real>(simd: S, lanes: &[N; LANES], v: usize) -> Packed<S, N> {
@@ -160,10 +166,10 @@ struct Relaxed<V, const P: usize, const Q: usize> {
     even: Half<V, P>,
     odd: Half<V, Q>,
     /// Squares of the columns' lengths.
-    columns: ([V; P], [V; Q]),
+    columns: Sides<V, P, Q>,
     determinants: [V; 2],
     /// Right sides of the centre, and along each direction, reduced.
-    centre: ([V; P], [V; Q]),
+    centre: Sides<V, P, Q>,
     along: ([[V; P]; DIRECTIONS], [[V; Q]; DIRECTIONS]),
     hessian: [[V; DIRECTIONS]; DIRECTIONS],
     inverse: [V; DIRECTIONS],
@@ -221,16 +227,15 @@ impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
         if P == LARGEST_HALF { (self.frame.halves[0], self.frame.halves[1]) } else { (P, Q) }
     }
 
-    /// Per line: the cluster, the basis functions, the blocks.
     #[inline(always)]
-    fn lines(&self) -> impl Iterator<Item = ((&[N; field::COUNT], &[N]), &[[N; LANES]; 3])> {
+    fn lines(&self) -> impl Iterator<Item = Line<'_, N>> {
         let (p, q) = self.halves();
         self.frame.rows.iter().zip(self.frame.functions.chunks_exact(p + q)).zip(&self.blocks.rows)
     }
 
     /// Products of the columns with what is at a field, once turned by the conjugate of SG.
     #[inline(always)]
-    fn products<S: Simd>(&self, simd: S, at: usize, v: usize) -> ([Packed<S, N>; P], [Packed<S, N>; Q]) {
+    fn products<S: Simd>(&self, simd: S, at: usize, v: usize) -> Sides<Packed<S, N>, P, Q> {
         let zero = Packed::of(simd, N::default());
         let (p, q) = self.halves();
         let (mut even, mut odd) = ([zero; P], [zero; Q]);
@@ -281,7 +286,7 @@ impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
             columns.1[i] = odd.gram[i][i];
         }
         let determinants = [even.factor(simd, p), odd.factor(simd, q)];
-        let reduced = |(mut e, mut o): ([Packed<S, N>; P], [Packed<S, N>; Q])| {
+        let reduced = |(mut e, mut o): Sides<Packed<S, N>, P, Q>| {
             even.forward(p, &mut e);
             odd.forward(q, &mut o);
             (e, o)

@@ -384,10 +384,12 @@ impl<'a> Walk<'a> {
             }
         }
         opened.retain(|open| !open.items.is_empty());
-        if is_leaf && node.rough && finish {
-            if let Some(open) = opened.pop() {
-                self.scattered(node, &open.items, own)?;
-            }
+        if is_leaf
+            && node.rough
+            && finish
+            && let Some(open) = opened.pop()
+        {
+            self.scattered(node, &open.items, own)?;
         }
         Ok(opened)
     }
