@@ -125,24 +125,24 @@ impl WithSimd for Screen<'_> {
             for (row, d) in controller.products.iter().zip(denominators) {
                 for n in 0..ENTRIES {
                     for l in 0..LANES {
-                        gram[n][l] += row[n] * d[2][l];
+                        gram[n][l] = row[n].mul_add(d[2][l], gram[n][l]);
                     }
                 }
             }
             for ((functions, z), d) in controller.functions.iter().zip(&controller.turned).zip(denominators) {
                 let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
                 for l in 0..LANES {
-                    re[l] = d[0][l] * z[0] + d[1][l] * z[1];
-                    im[l] = d[0][l] * z[1] - d[1][l] * z[0];
+                    re[l] = d[0][l].mul_add(z[0], d[1][l] * z[1]);
+                    im[l] = d[0][l].mul_add(z[1], -d[1][l] * z[0]);
                 }
                 for i in 0..EVEN {
                     for l in 0..LANES {
-                        right[i][l] += functions[i] * re[l];
+                        right[i][l] = functions[i].mul_add(re[l], right[i][l]);
                     }
                 }
                 for i in EVEN..EVEN + ODD {
                     for l in 0..LANES {
-                        right[i][l] += functions[i] * im[l];
+                        right[i][l] = functions[i].mul_add(im[l], right[i][l]);
                     }
                 }
             }
@@ -284,14 +284,14 @@ fn all(problem: &Problem, pool: &Pool, limit: f64) -> (u64, f64, u64, u64) {
                         }
                     }
                     evaluated.fetch_add(close.len() as u64, Ordering::Relaxed);
+                    done.fetch_add(reciprocals.len() as u64, Ordering::Relaxed);
                 }
                 Ok(())
             })
             .unwrap();
-        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-        if done.is_multiple_of(64) {
-            let seconds = begin.elapsed().as_secs_f64();
-            eprintln!("{done} of {} blocks, {seconds:.0} s", table.blocks());
+        if block.is_multiple_of(16) {
+            let (done, seconds) = (done.load(Ordering::Relaxed) as f64, begin.elapsed().as_secs_f64());
+            eprintln!("{:.1} % after {seconds:.0} s", 100.0 * done / pool.size() as f64);
         }
         (best, near)
     };
