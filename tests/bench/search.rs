@@ -89,6 +89,11 @@ fn branch_and_bound(smoke: bool) {
     }
     times.sort_by(f64::total_cmp);
     println!("  per trial: median {:.2} s, worst {:.2} s", times[times.len() / 2], times[times.len() - 1]);
+    // Where the system tells: the most memory that this process has had.
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    if let Some(peak) = status.lines().find_map(|line| line.strip_prefix("VmHWM:")) {
+        println!("  memory at the peak: {}", peak.trim());
+    }
 }
 
 fn request(pool: &str, numerator: usize, denominator: usize, thin: usize) -> Request {

@@ -36,16 +36,16 @@
 //! - A sum over the lines has at most 2C + 16 roundings in its terms and after each other, and 40 more follow on the way to the bound.
 //!   Nothing is lost but (4C + 72) u times the moduli that are summed: `‖y‖ (‖E − S‖ + Σ |t_m| ‖E v_m‖)` and
 //!   `‖y‖² ((1 + |κ|)² + Σ |t_m v_m|)`, each with `(1 + |δ|)²`.
+//! - Where a square of the rest underflows, a line loses less than the smallest normal number of it, which is added. Everything else that
+//!   may underflow is far below the terms above, since the limit is not below a millionth of the size squared.
 //! - The member's own response has an error of its own, as derived in `single.rs`.
 
-use super::denominators::{Denominators, FREE, Kept};
+use super::blocks::{Blocks, LANES};
+use super::denominators::FREE;
 use super::frame::{Frame, field};
 use super::real::{Half, Packed, Real};
 use super::{DIRECTIONS, FAINT};
 use pulp::{Simd, WithSimd};
-
-/// Blocks per call: whole vectors of every kind.
-pub(super) const LANES: usize = 16;
 
 /// The largest half of a feedforward numerator that the kernel takes.
 pub(super) const LARGEST_HALF: usize = 8;
@@ -55,46 +55,6 @@ const ROUNDS: [usize; 2] = [4, 3];
 
 /// Numbers per line of the working memory: y, |y|², g, and for each free coefficient `ȳ φ` and `2 |y|² Re φ`.
 const WORKED: usize = 5 + 3 * FREE;
-
-/// The blocks of a call, side by side.
-#[derive(Debug)]
-pub(super) struct Blocks<N> {
-    /// How many lanes hold a block of their own; the others repeat the last.
-    pub filled: usize,
-    /// Whether all of them are single denominators.
-    alone: bool,
-    /// Per line: Re and Im of 1/D, largest |δ|, as in the table.
-    rows: Vec<[[N; LANES]; 3]>,
-    reach: [[N; LANES]; FREE],
-    spread: [N; LANES],
-}
-
-impl<N: Kept> Blocks<N> {
-    pub(super) fn new(lines: usize) -> Self {
-        let zero = [N::default(); LANES];
-        Self { filled: 0, alone: true, rows: vec![[zero; 3]; lines], reach: [zero; FREE], spread: zero }
-    }
-
-    pub(super) fn fill(&mut self, denominators: &Denominators, ids: impl ExactSizeIterator<Item = u32>) {
-        let table = N::table(denominators);
-        self.filled = ids.len();
-        self.alone = true;
-        for (lane, id) in ids.enumerate().take(LANES) {
-            self.alone &= denominators.blocks[id as usize].children.is_empty();
-            let (rows, reach, spread) = table.entry(id);
-            for (into, row) in self.rows.iter_mut().zip(rows) {
-                into.iter_mut().zip(row).for_each(|(into, x)| into[lane] = *x);
-            }
-            self.reach.iter_mut().zip(reach).for_each(|(into, x)| into[lane] = x);
-            self.spread[lane] = spread;
-        }
-        let last = self.filled - 1;
-        for lane in self.filled..LANES {
-            let rows = self.rows.iter_mut().flatten().chain(&mut self.reach).chain([&mut self.spread]);
-            rows.for_each(|row| row[lane] = row[last]);
-        }
-    }
-}
 
 /// What is known about the cluster together with each of the blocks.
 #[derive(Debug, Clone, Default)]
@@ -422,7 +382,8 @@ impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
         let floor = sums.cost.max(number(1e-35));
         let alpha = number(1.0).min(limit.over(floor).root());
         let (mut base, mut square) = ([zero; FREE + 1], [zero; 6]);
-        let (mut left, mut lost, mut crossed) = (zero, zero, zero);
+        // What is lost of a square by underflow is made up for, since the reach may be large where the scale is small.
+        let (mut left, mut lost, mut crossed) = (number(lines as f64 * N::SMALLEST), zero, zero);
         let mut leaks = ([zero; P], [zero; Q]);
         let rows = self.lines().zip(&self.frame.tangents).zip(worked.chunks_exact_mut(WORKED));
         for ((((row, functions), block), tangents), worked) in rows {
@@ -515,7 +476,8 @@ impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
 
         // What is lost: the rest, and by rounding.
         let u = N::ROUNDOFF;
-        let one_more = number(1.0 + 64.0 * u);
+        let rounded = number((4.0 * lines as f64 + 72.0) * u);
+        let one_more = number(1.0) + rounded;
         // Σ r |δ| |g| over the lines, by its root mean square.
         let crossed = number((lines as f64).sqrt()) * crossed.root();
         let left = Packed::of(simd, self.frame.reach).times_plus(left.root(), crossed);
@@ -540,7 +502,7 @@ impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
         }
         let terms =
             length.times_plus(Packed::of(simd, self.frame.magnitude), square[0] * Packed::of(simd, self.frame.second));
-        lost = lost + (number((4.0 * lines as f64 + 72.0) * u) * spread * spread).times_plus(terms, leaked);
+        lost = lost + (rounded * spread * spread).times_plus(terms, leaked);
 
         // All denominators and the whole box together: most blocks end here.
         let reach: [Packed<S, N>; FREE] = std::array::from_fn(|c| vector(simd, &self.blocks.reach[c], v));

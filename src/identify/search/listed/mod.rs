@@ -1,6 +1,7 @@
 //! The exact search for pools whose feedback controllers can be listed: branch and bound over clusters of like sensitivities, with
 //! every feedforward denominator by itself. `kernel.rs` derives the bound.
 
+mod blocks;
 mod cell;
 mod cells;
 mod denominators;

@@ -1,9 +1,10 @@
 //! What the bounds say against what members cost, by QR.
 
+use super::blocks::{Blocks, LANES};
 use super::cells::Cells;
 use super::denominators::{Denominators, Kept};
 use super::frame::Frame;
-use super::kernel::{Blocks, Bounds, LANES, bounds};
+use super::kernel::{Bounds, bounds};
 use super::lines::Lines;
 use super::verdict::verdict;
 use crate::control::{Continuous, System, TransferFunction};

@@ -21,6 +21,8 @@ pub(super) trait Real:
     type Vector<S: Simd>: Copy;
     /// The largest relative error of a rounded number.
     const ROUNDOFF: f64;
+    /// The smallest number of full precision.
+    const SMALLEST: f64;
     const INFINITY: Self;
 
     fn nearest(x: f64) -> Self;
@@ -49,11 +51,12 @@ pub(super) trait Real:
 
 /// Functions and no closures: closures that capture the token are not inlined where the instructions are known.
 macro_rules! real {
-    ($real:ident, $vector:ident, $roundoff:expr, $as:ident, $as_mut:ident, $splat:ident, $add:ident, $sub:ident, $mul:ident, $div:ident,
+    ($real:ident, $vector:ident, $roundoff:expr, $smallest:expr, $as:ident, $as_mut:ident, $splat:ident, $add:ident, $sub:ident, $mul:ident, $div:ident,
      $mul_add:ident, $mul_sub:ident, $root:ident, $min:ident, $max:ident) => {
         impl Real for $real {
             type Vector<S: Simd> = S::$vector;
             const ROUNDOFF: f64 = $roundoff;
+            const SMALLEST: f64 = $smallest;
             const INFINITY: Self = $real::INFINITY;
 
             #[inline(always)]
@@ -129,6 +132,7 @@ real!(
     f32,
     f32s,
     0.5 * f32::EPSILON as f64,
+    f32::MIN_POSITIVE as f64,
     as_simd_f32s,
     as_mut_simd_f32s,
     splat_f32s,
@@ -146,6 +150,7 @@ real!(
     f64,
     f64s,
     0.5 * f64::EPSILON,
+    f64::MIN_POSITIVE,
     as_simd_f64s,
     as_mut_simd_f64s,
     splat_f64s,

@@ -1,11 +1,12 @@
 //! The walk through pairs of a cluster of feedback controllers and a block of feedforward denominators.
 
 use super::super::decide::Found;
+use super::blocks::{Blocks, LANES as BLOCKS};
 use super::cell::Cell;
 use super::cells::Cells;
 use super::denominators::Kept;
 use super::frame::Frame;
-use super::kernel::{self, Blocks, Bounds};
+use super::kernel::{self, Bounds};
 use super::lines::Lines;
 use super::single;
 use super::singles::{LANES, Singles};
@@ -275,7 +276,7 @@ impl<'a> Walk<'a> {
         if known {
             room.frame.fill(node, &self.lines, &self.cells.feedforward);
         }
-        for items in items.chunks(kernel::LANES) {
+        for items in items.chunks(BLOCKS) {
             if known {
                 room.bound(self.cells, items, N::INFINITY);
             }
@@ -349,7 +350,7 @@ impl<'a> Walk<'a> {
         // Blocks, and single denominators, which need fewer operations.
         let mut work = Work::default();
         items.iter().for_each(|item| work.push(self.cells, *item));
-        let mut batch = Vec::with_capacity(kernel::LANES);
+        let mut batch = Vec::with_capacity(BLOCKS);
         while work.next(&mut batch) {
             let limit = N::above(self.limit_in_units());
             let extent = room(own).frame.extent;
@@ -501,7 +502,7 @@ impl Work {
     fn next(&mut self, batch: &mut Vec<Item>) -> bool {
         let from = if self.blocks.is_empty() { &mut self.alone } else { &mut self.blocks };
         batch.clear();
-        batch.extend(from.drain(from.len().saturating_sub(kernel::LANES)..));
+        batch.extend(from.drain(from.len().saturating_sub(BLOCKS)..));
         !batch.is_empty()
     }
 }
