@@ -16,12 +16,12 @@ use rand::RngExt;
 use serde_json::json;
 
 /// A thinned pool of appendix B with a response that no candidate fits, in clusters of three at most.
-fn case(degree: usize, noise: f64) -> (Problem, Pool, Cells) {
+fn case(degree: usize, noise: f64, lines: u32) -> (Problem, Pool, Cells) {
     let spec = json!({"name": "zhang2015_appendix_b", "thin": {"poles": 9, "zeros": 9, "damping": 4, "gains": 6}});
     let recipe = serde_json::from_value::<PoolSpec>(spec).unwrap().check(Degrees::default()).unwrap();
     let plant = System::Continuous(TransferFunction::new(&[2.0, 4.4], &[1.0, 3.6, 4.0], Continuous).unwrap());
     let pool = recipe.build(&plant, &Ctl::new()).unwrap();
-    let omega: Vec<f64> = (0..13).map(|k| std::f64::consts::TAU * (0.1 + 0.025 * f64::from(k))).collect();
+    let omega: Vec<f64> = (0..lines).map(|k| std::f64::consts::TAU * (0.1 + 0.025 * f64::from(k))).collect();
     let mut rng = rng::stream(29, "response");
     let mut draw = || noise * (2.0 * rng.random::<f64>() - 1.0);
     let h: Vec<Complex64> =
@@ -95,8 +95,8 @@ fn check<N: Kept>(problem: &Problem, cells: &Cells, costs: &[Vec<f64>], limit: f
 #[test]
 fn nothing_is_refused_that_costs_less_than_the_limit() {
     let mut refused = [0; 3];
-    for (degree, noise) in [(4, 0.3), (4, 0.02), (3, 0.1), (1, 0.1)] {
-        let (problem, pool, cells) = case(degree, noise);
+    for (degree, noise, lines) in [(4, 0.3, 13), (4, 0.02, 13), (3, 0.1, 40), (1, 0.1, 13)] {
+        let (problem, pool, cells) = case(degree, noise, lines);
         let costs = costs(&problem, &pool, &cells);
         let mut sorted: Vec<f64> = costs.iter().flatten().copied().collect();
         sorted.sort_by(f64::total_cmp);
@@ -117,7 +117,7 @@ fn nothing_is_refused_that_costs_less_than_the_limit() {
 
 #[test]
 fn ranges_of_parts_are_rounded_outwards() {
-    let (_, _, cells) = case(4, 0.1);
+    let (_, _, cells) = case(4, 0.1, 13);
     let mut seen = 0;
     for node in &cells.nodes {
         for child in &node.children {
