@@ -29,7 +29,7 @@ impl<N: Kept> Blocks<N> {
         self.filled = ids.len();
         self.alone = true;
         for (lane, id) in ids.enumerate().take(LANES) {
-            self.alone &= denominators.blocks[id as usize].children.is_empty();
+            self.alone &= denominators.divisions[id as usize].is_single();
             let (rows, reach, spread) = table.entry(id);
             for (into, row) in self.rows.iter_mut().zip(rows) {
                 into.iter_mut().zip(row).for_each(|(into, x)| into[lane] = *x);

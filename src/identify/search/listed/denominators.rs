@@ -16,8 +16,6 @@ pub(super) const FREE: usize = 2;
 /// A block of denominators around a centre `D`: each member is `D (1 + Σ_m offset_m φ_m)` with `φ_m = x^m/D`.
 #[derive(Debug)]
 pub(super) struct Block {
-    /// Members, a range of [`Denominators::order`].
-    pub first: usize,
     pub offsets: Vec<[f64; FREE]>,
     /// Largest modulus of each offset.
     pub reach: [f64; FREE],
@@ -29,8 +27,55 @@ pub(super) struct Block {
     pub rows: Vec<Row>,
     /// Per line: products of the basis functions over |D|²: the lower triangle of the real half, then of the imaginary half.
     pub products: Vec<f64>,
-    /// Blocks that divide this one; none for a single denominator.
-    pub children: Vec<u32>,
+}
+
+impl Block {
+    pub(super) fn is_single(&self) -> bool {
+        self.offsets.len() == 1
+    }
+}
+
+/// The members of a block, and the blocks that divide it: what a walk asks for at every step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Division {
+    /// Members, a range of [`Denominators::order`].
+    pub first: u32,
+    count: u32,
+    parts: [u32; MOST_PARTS],
+    filled: u32,
+}
+
+/// The most blocks that divide one.
+const MOST_PARTS: usize = 4;
+
+impl Division {
+    fn new(members: &std::ops::Range<usize>) -> Self {
+        Self { first: members.start as u32, count: members.len() as u32, parts: [0; MOST_PARTS], filled: 0 }
+    }
+
+    fn push(&mut self, part: u32) {
+        self.parts[self.filled as usize] = part;
+        self.filled += 1;
+    }
+
+    /// None for a single denominator.
+    pub(super) fn parts(&self) -> &[u32] {
+        &self.parts[..self.filled as usize]
+    }
+
+    pub(super) fn is_single(&self) -> bool {
+        self.count == 1
+    }
+
+    /// A bit for each member.
+    pub(super) fn everything(&self) -> u64 {
+        u64::MAX >> (LARGEST as u32 - self.count)
+    }
+
+    /// The place in the middle of the members.
+    pub(super) fn middle(&self) -> usize {
+        (self.first + self.count / 2) as usize
+    }
 }
 
 /// A block at a line.
@@ -59,7 +104,7 @@ pub(super) struct Table<N> {
 }
 
 /// Members of a block whose bounds are computed together.
-pub(super) const WIDE: usize = 8;
+pub(super) const WIDE: usize = 16;
 
 /// The rows, the reach and the spread of a block.
 pub(super) type Entry<'a, N> = (&'a [[N; 3]], [N; FREE], N);
@@ -123,6 +168,7 @@ pub(super) struct Denominators {
     single_precision: Table<f32>,
     double_precision: Table<f64>,
     pub blocks: Vec<Block>,
+    pub divisions: Vec<Division>,
     pub roots: Vec<u32>,
     /// Positions of the pool's denominators, so that the members of a block are adjacent.
     pub order: Vec<u32>,
@@ -200,6 +246,7 @@ impl Denominators {
             single_precision: Table::new(&[], 0),
             double_precision: Table::new(&[], 0),
             blocks: Vec::new(),
+            divisions: Vec::new(),
             roots: Vec::new(),
             single: vec![0; order.len()],
             order,
@@ -233,6 +280,7 @@ impl Denominators {
             self.single[members.start] = id;
         }
         self.blocks.push(block);
+        self.divisions.push(Division::new(&members));
         if root {
             self.roots.push(id);
         }
@@ -242,8 +290,9 @@ impl Denominators {
                 let middle = (half.start + half.end) / 2;
                 let quarters = if half.len() > 1 { vec![half.start..middle, middle..half.end] } else { vec![half] };
                 for quarter in quarters {
-                    let child = self.divide(maker, quarter, false);
-                    self.blocks[id as usize].children.extend(child);
+                    if let Some(part) = self.divide(maker, quarter, false) {
+                        self.divisions[id as usize].push(part);
+                    }
                 }
             }
         }
@@ -299,6 +348,6 @@ impl Maker<'_> {
                 }
             }
         }
-        Block { first: members.start, offsets, reach, spread, unit, rows, products, children: Vec::new() }
+        Block { offsets, reach, spread, unit, rows, products }
     }
 }

@@ -4,8 +4,9 @@ use super::cell::{Cell, Profile};
 use super::denominators::{Denominators, FREE};
 use super::lines::Lines;
 use super::real::Real;
-use super::{ALL, DIRECTIONS, PARTS};
+use super::{ALL, DIRECTIONS, FAINT, PARTS};
 use num_complex::Complex64;
+use pulp::{Simd, WithSimd};
 
 /// Deviations above this are not worth a bound, which loses their square.
 const LARGEST_DEVIATION: f64 = 4.0;
@@ -28,17 +29,18 @@ pub(super) mod field {
     pub const TURNED_B: usize = 9;
     /// Re v of each leading direction.
     pub const REAL: usize = 11;
-    /// `E √w v` of each leading direction.
-    pub const A: usize = REAL + T;
+    /// `E √w v` of each leading direction: the real parts, then the imaginary parts, as below.
+    pub const A: [usize; 2] = [REAL + T, REAL + 2 * T];
     /// Conjugate of SG times that.
-    pub const TURNED_A: usize = A + 2 * T;
+    pub const TURNED_A: [usize; 2] = [A[1] + T, A[1] + 2 * T];
     /// The faint directions.
-    pub const FAINT: usize = TURNED_A + 2 * T;
-    pub const COUNT: usize = FAINT + 2 * F;
+    pub const FAINT: [usize; 2] = [TURNED_A[1] + T, TURNED_A[1] + T + F];
+    pub const COUNT: usize = FAINT[1] + F;
 }
 
 /// Functions of the same spans that are orthonormal with these weights, as far as that goes in numbers: the normal equations of most
 /// denominators are then well conditioned.
+#[inline(always)]
 fn orthonormal(functions: &[f64], [even, odd]: [usize; 2], weights: &[f64]) -> Vec<f64> {
     let mut functions = functions.to_vec();
     let count = even + odd;
@@ -74,8 +76,9 @@ pub(super) struct Frame<N> {
     /// Per line, |SG|² times the products of the basis functions: the lower triangle of the real half, then of the imaginary half.
     pub products: Vec<N>,
     /// Ranges of the coordinates along the directions.
-    pub low: [N; ALL],
-    pub high: [N; ALL],
+    pub low: [N; DIRECTIONS],
+    pub high: [N; DIRECTIONS],
+    pub ranges: [Range<N>; ALL],
     /// Largest norm of what all directions leave over, in units of the scale.
     pub reach: N,
     /// Products of the leading directions, `Re ⟨E v_i, E v_j⟩`, lower triangle; with `E − S`.
@@ -91,9 +94,27 @@ pub(super) struct Frame<N> {
     pub slack: N,
     /// `Σ |E|² w |κ|²`: how far the cluster extends.
     pub extent: f64,
-    /// Ranges of the parts of the cluster, in its own coordinates.
-    pub parts_low: [[N; PARTS]; ALL],
-    pub parts_high: [[N; PARTS]; ALL],
+    /// How many parts the cluster has, and their ranges in its own coordinates: along the leading directions part by part, then along the faint ones for
+    /// all parts together.
+    pub parts: usize,
+    pub leading: [[Range<N>; DIRECTIONS]; PARTS],
+    pub faint: [Range<[N; PARTS]>; FAINT],
+}
+
+/// Numbers from `middle − half` to `middle + half`.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Range<T> {
+    pub middle: T,
+    pub half: T,
+}
+
+impl<N: Real> Range<N> {
+    /// Rounded outwards.
+    #[inline(always)]
+    fn new([low, high]: [f64; 2]) -> Self {
+        let middle = N::nearest(0.5 * (low + high));
+        Self { middle, half: N::above((high - middle.value()).max(middle.value() - low) * (1.0 + f64::EPSILON)) }
+    }
 }
 
 impl<N: Real> Frame<N> {
@@ -106,8 +127,9 @@ impl<N: Real> Frame<N> {
             tangents: Vec::new(),
             rows: Vec::new(),
             products: Vec::new(),
-            low: [zero; ALL],
-            high: [zero; ALL],
+            low: [zero; DIRECTIONS],
+            high: [zero; DIRECTIONS],
+            ranges: [Range { middle: zero, half: zero }; ALL],
             reach: zero,
             gram: [zero; DIRECTIONS * (DIRECTIONS + 1) / 2],
             right: [zero; DIRECTIONS],
@@ -117,8 +139,9 @@ impl<N: Real> Frame<N> {
             most: zero,
             slack: zero,
             extent: 0.0,
-            parts_low: [[zero; PARTS]; ALL],
-            parts_high: [[zero; PARTS]; ALL],
+            parts: 0,
+            leading: [[Range { middle: zero, half: zero }; DIRECTIONS]; PARTS],
+            faint: [Range { middle: [zero; PARTS], half: [zero; PARTS] }; FAINT],
         }
     }
 
@@ -145,7 +168,47 @@ impl<N: Real> Frame<N> {
 
     /// Reads the cluster.
     pub(super) fn fill(&mut self, cell: &Cell, lines: &Lines, denominators: &Denominators) {
-        let [even, odd] = self.halves;
+        pulp::Arch::new().dispatch(Fill { frame: self, cell, lines, denominators });
+    }
+
+    /// Reads the ranges of the parts.
+    pub(super) fn fill_parts<'c>(&mut self, cell: &Cell, parts: impl Iterator<Item = &'c Cell>) {
+        self.parts = 0;
+        for child in parts {
+            let range = |m: usize| Range::new(child.range_within(cell, m));
+            self.leading[self.parts] = std::array::from_fn(range);
+            for (m, into) in self.faint.iter_mut().enumerate() {
+                let Range { middle, half } = range(DIRECTIONS + m);
+                (into.middle[self.parts], into.half[self.parts]) = (middle, half);
+            }
+            self.parts += 1;
+        }
+    }
+
+    /// Whether single precision would lose too much of a bound to be compared with this limit, in units of [`Lines::scale`] squared.
+    pub(super) fn is_too_fine(&self, limit: f64) -> bool {
+        const LEAST: f64 = 1e-3;
+        limit < (LEAST * self.size.value()).powi(2)
+    }
+}
+
+struct Fill<'a, N> {
+    frame: &'a mut Frame<N>,
+    cell: &'a Cell,
+    lines: &'a Lines,
+    denominators: &'a Denominators,
+}
+
+impl<N: Real> WithSimd for Fill<'_, N> {
+    type Output = ();
+
+    /// Plain loops, which the compiler vectorises for the dispatched instructions.
+    #[inline(always)]
+    // Indices run over several arrays at once.
+    #[allow(clippy::needless_range_loop)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { frame, cell, lines, denominators } = self;
+        let [even, odd] = frame.halves;
         let mut largest = 0.0_f64;
         for (k, c) in lines.constants.iter().enumerate() {
             largest = largest.max((cell.centre(k).inv() * c.plant).norm_sqr());
@@ -154,15 +217,14 @@ impl<N: Real> Frame<N> {
         let weights = lines.constants.iter().enumerate().zip(&denominators.typical);
         let weights: Vec<f64> =
             weights.map(|((k, c), typical)| (cell.centre(k).inv() * c.plant * unit).norm_sqr() * typical).collect();
-        let functions = orthonormal(&denominators.functions, self.halves, &weights);
-        self.functions.iter_mut().zip(&functions).for_each(|(into, f)| *into = N::nearest(*f));
-        let ranges: [[f64; 2]; ALL] = std::array::from_fn(|m| cell.range(m));
-        let mut gram = [0.0; DIRECTIONS * (DIRECTIONS + 1) / 2];
+        let functions = orthonormal(&denominators.functions, frame.halves, &weights);
+        frame.functions.iter_mut().zip(&functions).for_each(|(into, f)| *into = N::nearest(*f));
+        let mut gram = [[0.0; DIRECTIONS]; DIRECTIONS];
         let mut right = [0.0; DIRECTIONS];
         let (mut b2, mut size, mut slack, mut extent, mut most) = (0.0, 0.0, 0.0, 0.0, 0.0_f64);
         let (mut lengths, mut longest) = ([0.0; ALL], [0.0_f64; ALL]);
-        let mut products = self.products.iter_mut();
-        for ((k, c), row) in lines.constants.iter().enumerate().zip(&mut self.rows) {
+        let mut products = frame.products.iter_mut();
+        for ((k, c), row) in lines.constants.iter().enumerate().zip(&mut frame.rows) {
             let (error, root) = (c.error / lines.scale, c.root / lines.scale);
             let s = cell.centre(k).inv();
             let b = error - s * root;
@@ -172,26 +234,33 @@ impl<N: Real> Frame<N> {
             put(field::SG, sg);
             put(field::E, error);
             put(field::TURNED_B, sg.conj() * b);
-            let mut a = [Complex64::ZERO; ALL];
-            for (m, a) in a.iter_mut().enumerate() {
+            let (mut v_re, mut v_im) = ([0.0; ALL], [0.0; ALL]);
+            for m in 0..ALL {
                 let v = cell.direction(m, k);
-                *a = error * v;
-                lengths[m] += a.norm_sqr();
-                longest[m] = longest[m].max(v.norm_sqr());
-                if m < DIRECTIONS {
-                    put(field::A + 2 * m, *a);
-                    put(field::TURNED_A + 2 * m, sg.conj() * *a);
-                } else {
-                    put(field::FAINT + 2 * (m - DIRECTIONS), v);
-                }
+                (v_re[m], v_im[m]) = (v.re, v.im);
             }
-            let mut n = 0;
-            for i in 0..DIRECTIONS {
-                row[field::REAL + i] = N::nearest(cell.direction(i, k).re);
-                right[i] += a[i].re * b.re + a[i].im * b.im;
-                for a_j in &a[..=i] {
-                    gram[n] += a[i].re * a_j.re + a[i].im * a_j.im;
-                    n += 1;
+            let (mut re, mut im) = ([0.0; ALL], [0.0; ALL]);
+            for m in 0..ALL {
+                re[m] = error.re * v_re[m] - error.im * v_im[m];
+                im[m] = error.re * v_im[m] + error.im * v_re[m];
+                lengths[m] += re[m] * re[m] + im[m] * im[m];
+                longest[m] = longest[m].max(v_re[m] * v_re[m] + v_im[m] * v_im[m]);
+            }
+            for m in 0..DIRECTIONS {
+                row[field::REAL + m] = N::nearest(v_re[m]);
+                row[field::A[0] + m] = N::nearest(re[m]);
+                row[field::A[1] + m] = N::nearest(im[m]);
+                row[field::TURNED_A[0] + m] = N::nearest(sg.re * re[m] + sg.im * im[m]);
+                row[field::TURNED_A[1] + m] = N::nearest(sg.re * im[m] - sg.im * re[m]);
+                right[m] += re[m] * b.re + im[m] * b.im;
+            }
+            for m in 0..FAINT {
+                row[field::FAINT[0] + m] = N::nearest(v_re[DIRECTIONS + m]);
+                row[field::FAINT[1] + m] = N::nearest(v_im[DIRECTIONS + m]);
+            }
+            for (i, gram) in gram.iter_mut().enumerate() {
+                for (j, gram) in gram.iter_mut().enumerate() {
+                    *gram += re[i] * re[j] + im[i] * im[j];
                 }
             }
             let Profile { radius, remainder, scale } = cell.profile(k);
@@ -215,39 +284,30 @@ impl<N: Real> Frame<N> {
             // σ² ≤ 8 |S|² + 2.
             slack += 2.0 * (e2 * (1.0 + radius).powi(2) + root * root * s2 * (8.0 * s2 + 2.0));
         }
-        let furthest = |m: usize| ranges[m][0].abs().max(ranges[m][1].abs());
-        let magnitude = b2.sqrt() + (0..ALL).map(|m| furthest(m) * lengths[m].sqrt()).sum::<f64>();
-        let second = (1.0 + most).powi(2) + (0..ALL).map(|m| furthest(m) * longest[m].sqrt()).sum::<f64>();
-        self.low = ranges.map(|[low, _]| N::nearest(low));
-        self.high = ranges.map(|[_, high]| N::nearest(high));
-        self.reach = N::above(f64::from(cell.reach));
-        self.gram = gram.map(N::nearest);
-        self.right = right.map(N::nearest);
-        self.size = N::above(size.sqrt() * (1.0 + 1e-12));
-        self.magnitude = N::above(magnitude * (1.0 + 1e-12));
-        self.second = N::above(second * (1.0 + 1e-12));
-        self.most = N::above(1.0 + most);
-        self.slack = N::above(super::rounding(lines) * slack);
-        self.extent = extent;
-    }
-
-    /// Reads the ranges of the parts; those left over repeat the last.
-    pub(super) fn fill_parts<'c>(&mut self, cell: &Cell, parts: impl Iterator<Item = &'c Cell>) {
-        for (part, child) in parts.enumerate() {
-            for m in 0..ALL {
-                let [low, high] = child.range_within(cell, m);
-                for at in part..PARTS {
-                    // Below and above in double precision, and rounded outwards.
-                    self.parts_low[m][at] = N::nearest(-N::above(-low).value());
-                    self.parts_high[m][at] = N::above(high);
+        let mut magnitude = b2.sqrt();
+        let mut second = (1.0 + most).powi(2);
+        let mut n = 0;
+        for m in 0..ALL {
+            let [low, high] = cell.range(m);
+            let furthest = low.abs().max(high.abs());
+            magnitude += furthest * lengths[m].sqrt();
+            second += furthest * longest[m].sqrt();
+            frame.ranges[m] = Range::new([low, high]);
+            if m < DIRECTIONS {
+                (frame.low[m], frame.high[m]) = (N::nearest(low), N::nearest(high));
+                frame.right[m] = N::nearest(right[m]);
+                for entry in &gram[m][..=m] {
+                    frame.gram[n] = N::nearest(*entry);
+                    n += 1;
                 }
             }
         }
-    }
-
-    /// Whether single precision would lose too much of a bound to be compared with this limit, in units of [`Lines::scale`] squared.
-    pub(super) fn is_too_fine(&self, limit: f64) -> bool {
-        const LEAST: f64 = 1e-3;
-        limit < (LEAST * self.size.value()).powi(2)
+        frame.reach = N::above(f64::from(cell.reach));
+        frame.size = N::above(size.sqrt() * (1.0 + 1e-12));
+        frame.magnitude = N::above(magnitude * (1.0 + 1e-12));
+        frame.second = N::above(second * (1.0 + 1e-12));
+        frame.most = N::above(1.0 + most);
+        frame.slack = N::above(super::rounding(lines) * slack);
+        frame.extent = extent;
     }
 }

@@ -33,8 +33,8 @@
 //!   in those units no longer than `n √(e/det)` for a half whose Gram matrix, scaled to unit diagonal, has the determinant det (the other
 //!   eigenvalues have a product below e). That matrix and its factors err by no more than (C + 16) u in an entry, so det by that times
 //!   the square of its order.
-//! - A sum over the lines has at most 2C + 16 roundings in its terms and after each other, and 40 more follow on the way to the bound.
-//!   Nothing is lost but (4C + 72) u times the moduli that are summed: `‖y‖ (‖E − S‖ + Σ |t_m| ‖E v_m‖)` and
+//! - A sum over the lines has at most 2C + 16 roundings in its terms and after each other, and 48 more follow on the way to the bound.
+//!   Nothing is lost but (4C + 80) u times the moduli that are summed: `‖y‖ (‖E − S‖ + Σ |t_m| ‖E v_m‖)` and
 //!   `‖y‖² ((1 + |κ|)² + Σ |t_m v_m|)`, each with `(1 + |δ|)²`.
 //! - Where a square of the rest underflows, a line loses less than the smallest normal number of it, which is added. Everything else that
 //!   may underflow is far below the terms above, since the limit is not below a millionth of the size squared.
@@ -52,6 +52,9 @@ pub(super) const LARGEST_HALF: usize = 8;
 
 /// Rounds of coordinate descent, at first and again. More would tighten the bound a little, fewer would loosen it.
 const ROUNDS: [usize; 2] = [4, 3];
+
+/// Directions whose slopes are summed in one pass.
+const TOGETHER: usize = 3;
 
 /// Numbers per line of the working memory: y, |y|², g, and for each free coefficient `ȳ φ` and `2 |y|² Re φ`.
 const WORKED: usize = 5 + 3 * FREE;
@@ -122,7 +125,8 @@ fn vector<S: Simd, N: Real>(simd: S, lanes: &[N; LANES], v: usize) -> Packed<S, 
 }
 
 /// The relaxed problem of a vector of lanes: the numerator eliminated, a quadratic function of t remains.
-struct Relaxed<V, const P: usize, const Q: usize> {
+#[derive(Clone, Copy)]
+struct Relaxed<V: Copy, const P: usize, const Q: usize> {
     even: Half<V, P>,
     odd: Half<V, Q>,
     /// Squares of the columns' lengths.
@@ -193,33 +197,41 @@ impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
         self.frame.rows.iter().zip(self.frame.functions.chunks_exact(p + q)).zip(&self.blocks.rows)
     }
 
-    /// Products of the columns with what is at a field, once turned by the conjugate of SG.
+    /// Products of the columns with what is at some fields, once turned by the conjugate of SG.
     #[inline(always)]
-    fn products<S: Simd>(&self, simd: S, at: usize, v: usize) -> Sides<Packed<S, N>, P, Q> {
+    fn products<S: Simd, const F: usize>(
+        &self,
+        simd: S,
+        fields: [[usize; 2]; F],
+        v: usize,
+    ) -> [Sides<Packed<S, N>, P, Q>; F] {
         let zero = Packed::of(simd, N::default());
         let (p, q) = self.halves();
-        let (mut even, mut odd) = ([zero; P], [zero; Q]);
+        let mut products = [([zero; P], [zero; Q]); F];
         for ((row, functions), block) in self.lines() {
             let (i_re, i_im) = (vector(simd, &block[0], v), vector(simd, &block[1], v));
-            let (c_re, c_im) = (Packed::of(simd, row[at]), Packed::of(simd, row[at + 1]));
-            let re = i_re.times_plus(c_re, i_im * c_im);
-            let im = i_im.times_from(c_re, i_re * c_im);
-            for i in 0..p {
-                even[i] = re.times_plus(Packed::of(simd, functions[i]), even[i]);
-            }
-            for i in 0..q {
-                odd[i] = im.times_plus(Packed::of(simd, functions[p + i]), odd[i]);
+            for ((even, odd), [re, im]) in products.iter_mut().zip(fields) {
+                let (c_re, c_im) = (Packed::of(simd, row[re]), Packed::of(simd, row[im]));
+                let re = i_re.times_plus(c_re, i_im * c_im);
+                let im = i_im.times_from(c_re, i_re * c_im);
+                for i in 0..p {
+                    even[i] = re.times_plus(Packed::of(simd, functions[i]), even[i]);
+                }
+                for i in 0..q {
+                    odd[i] = im.times_plus(Packed::of(simd, functions[p + i]), odd[i]);
+                }
             }
         }
-        (even, odd)
+        products
     }
 
     #[inline(always)]
-    fn relax<S: Simd>(&self, simd: S, v: usize) -> Relaxed<Packed<S, N>, P, Q> {
+    fn relax<S: Simd>(&self, simd: S, v: usize, into: &mut Relaxed<Packed<S, N>, P, Q>) {
         let zero = Packed::of(simd, N::default());
         let (p, q) = self.halves();
-        let mut even = Half { gram: [[zero; P]; P], inverse: [zero; P] };
-        let mut odd = Half { gram: [[zero; Q]; Q], inverse: [zero; Q] };
+        // In place: it is large.
+        let Relaxed { even, odd, columns, determinants, centre, along, hessian, inverse, slope, t } = into;
+        (even.gram, odd.gram) = ([[zero; P]; P], [[zero; Q]; Q]);
         let width = (p * (p + 1) + q * (q + 1)) / 2;
         for (products, block) in self.frame.products.chunks_exact(width).zip(&self.blocks.rows) {
             let (i_re, i_im) = (vector(simd, &block[0], v), vector(simd, &block[1], v));
@@ -238,28 +250,32 @@ impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
                 }
             }
         }
-        let mut columns = ([zero; P], [zero; Q]);
         for i in 0..p {
             columns.0[i] = even.gram[i][i];
         }
         for i in 0..q {
             columns.1[i] = odd.gram[i][i];
         }
-        let determinants = [even.factor(simd, p), odd.factor(simd, q)];
+        *determinants = [even.factor(simd, p), odd.factor(simd, q)];
         let reduced = |(mut e, mut o): Sides<Packed<S, N>, P, Q>| {
             even.forward(p, &mut e);
             odd.forward(q, &mut o);
             (e, o)
         };
-        let centre = reduced(self.products(simd, field::TURNED_B, v));
-        let mut along = ([[zero; P]; DIRECTIONS], [[zero; Q]; DIRECTIONS]);
-        let mut hessian = [[zero; DIRECTIONS]; DIRECTIONS];
-        let (mut slope, mut inverse) = ([zero; DIRECTIONS], [zero; DIRECTIONS]);
+        let [turned_b] = self.products(simd, [[field::TURNED_B, field::TURNED_B + 1]], v);
+        *centre = reduced(turned_b);
+        // Two directions in a pass have their sums in registers.
+        for pair in 0..DIRECTIONS / 2 {
+            let fields = |m: usize| [field::TURNED_A[0] + m, field::TURNED_A[1] + m];
+            let products = self.products(simd, [fields(2 * pair), fields(2 * pair + 1)], v);
+            for (m, products) in products.into_iter().enumerate() {
+                (along.0[2 * pair + m], along.1[2 * pair + m]) = reduced(products);
+            }
+        }
         let least = Packed::of(simd, N::nearest(1e-14));
         let mut n = 0;
         for i in 0..DIRECTIONS {
-            let (e, o) = reduced(self.products(simd, field::TURNED_A + 2 * i, v));
-            (along.0[i], along.1[i]) = (e, o);
+            let (e, o) = (along.0[i], along.1[i]);
             let (mut over_e, mut over_o) = (e, o);
             for k in 0..p {
                 over_e[k] = over_e[k] * even.inverse[k];
@@ -284,8 +300,7 @@ impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
             }
             inverse[i] = Packed::of(simd, N::nearest(-1.0)).over(hessian[i][i].max(least));
         }
-        let t = [zero; DIRECTIONS];
-        Relaxed { even, odd, columns, determinants, centre, along, hessian, inverse, slope, t }
+        *t = [zero; DIRECTIONS];
     }
 
     /// Coordinate descent over the box, for two vectors in turns so that neither waits for itself.
@@ -349,8 +364,8 @@ impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
             let mut r_re = s_im.times_plus(q_im, s_re.times_from(q_re, b_re));
             let mut r_im = s_im.times_from(q_re, s_re.times_from(q_im, b_im));
             for m in 0..DIRECTIONS {
-                r_re = of.t[m].times_plus(Packed::of(simd, row[field::A + 2 * m]), r_re);
-                r_im = of.t[m].times_plus(Packed::of(simd, row[field::A + 2 * m + 1]), r_im);
+                r_re = of.t[m].times_plus(Packed::of(simd, row[field::A[0] + m]), r_re);
+                r_im = of.t[m].times_plus(Packed::of(simd, row[field::A[1] + m]), r_im);
             }
             let square = r_re.times_plus(r_re, r_im * r_im);
             sums.cost = sums.cost + square;
@@ -439,34 +454,40 @@ impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
             square[5] = y2.times_plus(c_re.times_plus(c_re, c_im * c_im), square[5]);
         }
         let mut slopes = [[zero; FREE + 1]; DIRECTIONS];
-        for (m, slopes) in slopes.iter_mut().enumerate() {
+        // As many directions together as there are registers for their sums.
+        for (group, slopes) in slopes.chunks_exact_mut(TOGETHER).enumerate() {
+            let mut sums = [[zero; FREE + 1]; TOGETHER];
             for (row, y) in self.frame.rows.iter().zip(worked.chunks_exact(WORKED)) {
-                let (a_re, a_im) =
-                    (Packed::of(simd, row[field::A + 2 * m]), Packed::of(simd, row[field::A + 2 * m + 1]));
-                let real = Packed::of(simd, row[field::REAL + m]);
-                // Re ȳ E v − |y|² Re v
-                slopes[0] = Packed::new(simd, y[0]).times_plus(a_re, slopes[0]);
-                slopes[0] = Packed::new(simd, y[1]).times_plus(a_im, slopes[0]);
-                slopes[0] = Packed::new(simd, y[2]).times_from(real, slopes[0]);
-                if !alone {
+                let (y_re, y_im) = (Packed::new(simd, y[0]), Packed::new(simd, y[1]));
+                let y2 = Packed::new(simd, y[2]);
+                for (m, sums) in sums.iter_mut().enumerate() {
+                    let m = TOGETHER * group + m;
+                    let (a_re, a_im) = (Packed::of(simd, row[field::A[0] + m]), Packed::of(simd, row[field::A[1] + m]));
+                    let real = Packed::of(simd, row[field::REAL + m]);
+                    // Re ȳ E v − |y|² Re v
+                    sums[0] = y2.times_from(real, y_im.times_plus(a_im, y_re.times_plus(a_re, sums[0])));
+                    if alone {
+                        continue;
+                    }
                     for c in 0..FREE {
-                        let at = 5 + 3 * c;
-                        slopes[c + 1] = Packed::new(simd, y[at]).times_plus(a_re, slopes[c + 1]);
-                        slopes[c + 1] = Packed::new(simd, y[at + 1]).times_from(a_im, slopes[c + 1]);
-                        slopes[c + 1] = Packed::new(simd, y[at + 2]).times_from(real, slopes[c + 1]);
+                        let of = |at: usize| Packed::new(simd, y[5 + 3 * c + at]);
+                        sums[c + 1] =
+                            of(2).times_from(real, of(1).times_from(a_im, of(0).times_plus(a_re, sums[c + 1])));
                     }
                 }
             }
-            for slope in slopes {
-                *slope = *slope + *slope;
+            for (slopes, sums) in slopes.iter_mut().zip(sums) {
+                for (slope, sum) in slopes.iter_mut().zip(sums) {
+                    *slope = sum + sum;
+                }
             }
         }
         let mut faint = [zero; FAINT];
         for (c, faint) in faint.iter_mut().enumerate() {
             for (row, g) in self.frame.rows.iter().zip(worked.chunks_exact(WORKED)) {
                 let (g_re, g_im) = (Packed::<S, N>::new(simd, g[3]), Packed::new(simd, g[4]));
-                *faint = g_re.times_plus(Packed::of(simd, row[field::FAINT + 2 * c]), *faint);
-                *faint = g_im.times_from(Packed::of(simd, row[field::FAINT + 2 * c + 1]), *faint);
+                *faint = g_re.times_plus(Packed::of(simd, row[field::FAINT[0] + c]), *faint);
+                *faint = g_im.times_from(Packed::of(simd, row[field::FAINT[1] + c]), *faint);
             }
             *faint = *faint + *faint;
         }
@@ -476,7 +497,7 @@ impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
 
         // What is lost: the rest, and by rounding.
         let u = N::ROUNDOFF;
-        let rounded = number((4.0 * lines as f64 + 72.0) * u);
+        let rounded = number((4.0 * lines as f64 + 80.0) * u);
         let one_more = number(1.0) + rounded;
         // Σ r |δ| |g| over the lines, by its root mean square.
         let crossed = number((lines as f64).sqrt()) * crossed.root();
@@ -511,15 +532,16 @@ impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
         whole = (reach[0] * reach[0]).times_from(square[3], whole);
         whole = (reach[0] * reach[1]).times_from(square[4].modulus(), whole);
         whole = (reach[1] * reach[1]).times_from(square[5], whole);
-        for m in 0..DIRECTIONS + FAINT {
-            let (low, high) = (Packed::of(simd, self.frame.low[m]), Packed::of(simd, self.frame.high[m]));
+        for (m, range) in self.frame.ranges.iter().enumerate() {
+            let (middle, half) = (Packed::of(simd, range.middle), Packed::of(simd, range.half));
             if m < DIRECTIONS {
                 let [centre, a, b] = slopes[m];
-                let furthest = low.modulus().max(high.modulus());
-                whole = whole + tilt(a, b).times_from(furthest, (centre * low).min(centre * high));
+                whole = centre.times_plus(middle, whole);
+                whole = (centre.modulus()).times_from(half, whole);
+                whole = tilt(a, b).times_from(middle.modulus() + half, whole);
             } else {
                 let slope = faint[m - DIRECTIONS];
-                whole = whole + (slope * low).min(slope * high);
+                whole = slope.modulus().times_from(half, slope.times_plus(middle, whole));
             }
         }
         let put = |into: &mut [N; LANES], x: Packed<S, N>| N::vectors_mut::<S>(into)[v] = x.x;
@@ -536,6 +558,34 @@ impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
     }
 }
 
+impl<N: Real, const P: usize, const Q: usize> Bound<'_, N, P, Q> {
+    /// All vectors of lanes, so many at a time.
+    #[inline(always)]
+    fn vectors<S: Simd, const W: usize>(&mut self, simd: S, worked: &mut [N::Vector<S>]) {
+        let vectors = N::vectors::<S>(&self.out.cost).len();
+        let used = self.blocks.filled.div_ceil(LANES / vectors);
+        let mut relaxed = [Relaxed::none(simd); W];
+        for first in (0..used).step_by(W) {
+            let some = &mut relaxed[..W.min(used - first)];
+            for (v, relaxed) in some.iter_mut().enumerate() {
+                self.relax(simd, first + v, relaxed);
+            }
+            self.descend(simd, some, ROUNDS[0]);
+            for (v, relaxed) in some.iter_mut().enumerate() {
+                let lean = self.residual(simd, first + v, relaxed, worked).lean;
+                for (slope, lean) in relaxed.slope.iter_mut().zip(lean) {
+                    *slope = *slope - lean;
+                }
+            }
+            self.descend(simd, some, ROUNDS[1]);
+            for (v, relaxed) in some.iter().enumerate() {
+                let sums = self.residual(simd, first + v, relaxed, worked);
+                self.conclude(simd, first + v, relaxed, &sums, worked);
+            }
+        }
+    }
+}
+
 impl<N: Real, const P: usize, const Q: usize> WithSimd for Bound<'_, N, P, Q> {
     type Output = ();
 
@@ -543,26 +593,10 @@ impl<N: Real, const P: usize, const Q: usize> WithSimd for Bound<'_, N, P, Q> {
     fn with_simd<S: Simd>(mut self, simd: S) {
         let scratch = std::mem::take(&mut self.scratch);
         let worked = N::vectors_mut::<S>(scratch);
-        let vectors = N::vectors::<S>(&self.out.cost).len();
-        let used = self.blocks.filled.div_ceil(LANES / vectors);
-        for first in (0..used).step_by(2) {
-            let second = (first + 1).min(used - 1);
-            let mut relaxed = [Relaxed::none(simd), Relaxed::none(simd)];
-            for v in first..=second {
-                relaxed[v - first] = self.relax(simd, v);
-            }
-            self.descend(simd, &mut relaxed[..=second - first], ROUNDS[0]);
-            for v in first..=second {
-                let lean = self.residual(simd, v, &relaxed[v - first], worked).lean;
-                for (slope, lean) in relaxed[v - first].slope.iter_mut().zip(lean) {
-                    *slope = *slope - lean;
-                }
-            }
-            self.descend(simd, &mut relaxed[..=second - first], ROUNDS[1]);
-            for v in first..=second {
-                let sums = self.residual(simd, v, &relaxed[v - first], worked);
-                self.conclude(simd, v, &relaxed[v - first], &sums, worked);
-            }
+        if N::vectors::<S>(&self.out.cost).len() > 1 {
+            self.vectors::<S, 2>(simd, worked);
+        } else {
+            self.vectors::<S, 1>(simd, worked);
         }
     }
 }

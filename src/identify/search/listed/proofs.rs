@@ -60,20 +60,19 @@ fn check<N: Kept>(problem: &Problem, cells: &Cells, costs: &[Vec<f64>], limit: f
             blocks.fill(feedforward, ids.iter().copied());
             bounds(&frame, &blocks, narrow, &mut scratch, &mut out);
             for (lane, id) in ids.iter().enumerate() {
-                let block = &feedforward.blocks[*id as usize];
-                let count = block.offsets.len();
-                let mask = u64::MAX >> (64 - count);
+                let division = &feedforward.divisions[*id as usize];
+                let (first, mask) = (division.first as usize, division.everything());
                 let offsets = N::table(feedforward).offsets(*id);
                 let [whole, divided] =
                     [false, true].map(|divided| verdict(&frame, &out, lane, offsets, mask, narrow, divided));
                 let mut refuse = |members: &std::ops::Range<u32>, j: usize, by: usize| {
                     for member in members.clone() {
-                        let cost = costs[member as usize][block.first + j];
+                        let cost = costs[member as usize][first + j];
                         assert!(cost > limit * (1.0 - 1e-12), "{cost} {limit} {by} {node:?}");
                         dead[by] += 1;
                     }
                 };
-                for j in 0..count {
+                for j in 0..mask.count_ones() as usize {
                     if out.whole[lane] > narrow {
                         refuse(&node.members, j, 0);
                     }

@@ -29,9 +29,9 @@ pub(super) trait Real:
     /// The next number that is not below.
     fn above(x: f64) -> Self;
     fn value(self) -> f64;
-    /// The smaller one; the second of which one is no number.
-    fn smaller(self, other: Self) -> Self;
-
+    fn magnitude(self) -> Self;
+    /// A whole number from 0 to 255.
+    fn byte(self) -> u8;
     fn vectors<S: Simd>(x: &[Self]) -> &[Self::Vector<S>];
     fn vectors_mut<S: Simd>(x: &mut [Self]) -> &mut [Self::Vector<S>];
     fn splat<S: Simd>(simd: S, x: Self) -> Self::Vector<S>;
@@ -44,15 +44,27 @@ pub(super) trait Real:
     /// `c − a b`.
     fn mul_sub<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>, c: Self::Vector<S>) -> Self::Vector<S>;
     fn root<S: Simd>(simd: S, a: Self::Vector<S>) -> Self::Vector<S>;
+    fn modulus<S: Simd>(simd: S, a: Self::Vector<S>) -> Self::Vector<S>;
     /// The smaller (larger) one; b where a is no number.
     fn min<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
     fn max<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+    /// One vector where a is above b, else the other; that is also where either is no number.
+    fn where_above<S: Simd>(
+        simd: S,
+        a: Self::Vector<S>,
+        b: Self::Vector<S>,
+        then: Self::Vector<S>,
+        otherwise: Self::Vector<S>,
+    ) -> Self::Vector<S>;
+    /// The smallest of a vector without what is no number; the sum of one.
+    fn smallest<S: Simd>(simd: S, a: Self::Vector<S>) -> Self;
+    fn sum<S: Simd>(simd: S, a: Self::Vector<S>) -> Self;
 }
 
 /// Functions and no closures: closures that capture the token are not inlined where the instructions are known.
 macro_rules! real {
     ($real:ident, $vector:ident, $roundoff:expr, $smallest:expr, $as:ident, $as_mut:ident, $splat:ident, $add:ident, $sub:ident, $mul:ident, $div:ident,
-     $mul_add:ident, $mul_sub:ident, $root:ident, $min:ident, $max:ident) => {
+     $mul_add:ident, $mul_sub:ident, $root:ident, $abs:ident, $min:ident, $max:ident, $greater:ident, $select:ident, $least:ident, $total:ident) => {
         impl Real for $real {
             type Vector<S: Simd> = S::$vector;
             const ROUNDOFF: f64 = $roundoff;
@@ -73,8 +85,13 @@ macro_rules! real {
                 f64::from(self)
             }
             #[inline(always)]
-            fn smaller(self, other: Self) -> Self {
-                if self < other { self } else { other }
+            fn magnitude(self) -> Self {
+                self.abs()
+            }
+            #[inline(always)]
+            fn byte(self) -> u8 {
+                // Where a unit is the last bit: quicker than a conversion.
+                (self + 0.5 / $real::EPSILON * 2.0).to_bits() as u8
             }
             #[inline(always)]
             fn vectors<S: Simd>(x: &[Self]) -> &[S::$vector] {
@@ -117,12 +134,34 @@ macro_rules! real {
                 simd.$root(a)
             }
             #[inline(always)]
+            fn modulus<S: Simd>(simd: S, a: S::$vector) -> S::$vector {
+                simd.$abs(a)
+            }
+            #[inline(always)]
             fn min<S: Simd>(simd: S, a: S::$vector, b: S::$vector) -> S::$vector {
                 simd.$min(a, b)
             }
             #[inline(always)]
             fn max<S: Simd>(simd: S, a: S::$vector, b: S::$vector) -> S::$vector {
                 simd.$max(a, b)
+            }
+            #[inline(always)]
+            fn where_above<S: Simd>(
+                simd: S,
+                a: S::$vector,
+                b: S::$vector,
+                then: S::$vector,
+                otherwise: S::$vector,
+            ) -> S::$vector {
+                simd.$select(simd.$greater(a, b), then, otherwise)
+            }
+            #[inline(always)]
+            fn smallest<S: Simd>(simd: S, a: S::$vector) -> Self {
+                simd.$least(a)
+            }
+            #[inline(always)]
+            fn sum<S: Simd>(simd: S, a: S::$vector) -> Self {
+                simd.$total(a)
             }
         }
     };
@@ -143,8 +182,13 @@ real!(
     mul_add_e_f32s,
     negate_mul_add_e_f32s,
     sqrt_f32s,
+    abs_f32s,
     min_f32s,
-    max_f32s
+    max_f32s,
+    greater_than_f32s,
+    select_f32s,
+    reduce_min_f32s,
+    reduce_sum_f32s
 );
 real!(
     f64,
@@ -161,8 +205,13 @@ real!(
     mul_add_e_f64s,
     negate_mul_add_e_f64s,
     sqrt_f64s,
+    abs_f64s,
     min_f64s,
-    max_f64s
+    max_f64s,
+    greater_than_f64s,
+    select_f64s,
+    reduce_min_f64s,
+    reduce_sum_f64s
 );
 
 /// A vector with the token of its instructions, for arithmetic that reads like arithmetic.
@@ -208,7 +257,7 @@ impl<S: Simd, N: Real> Packed<S, N> {
     }
     #[inline(always)]
     pub(super) fn modulus(self) -> Self {
-        self.max(Self::of(self.simd, N::default()) - self)
+        Self::new(self.simd, N::modulus(self.simd, self.x))
     }
     #[inline(always)]
     pub(super) fn min(self, b: Self) -> Self {
@@ -217,6 +266,19 @@ impl<S: Simd, N: Real> Packed<S, N> {
     #[inline(always)]
     pub(super) fn max(self, b: Self) -> Self {
         Self::new(self.simd, N::max(self.simd, self.x, b.x))
+    }
+    /// One vector where this is above `limit`, else (and where it is no number) the other.
+    #[inline(always)]
+    pub(super) fn where_above(self, limit: Self, then: Self, otherwise: Self) -> Self {
+        Self::new(self.simd, N::where_above(self.simd, self.x, limit.x, then.x, otherwise.x))
+    }
+    #[inline(always)]
+    pub(super) fn smallest(self) -> N {
+        N::smallest(self.simd, self.x)
+    }
+    #[inline(always)]
+    pub(super) fn sum(self) -> N {
+        N::sum(self.simd, self.x)
     }
 }
 
@@ -243,6 +305,7 @@ impl<S: Simd, N: Real> Mul for Packed<S, N> {
 }
 
 /// The factors `G = L D Lᵀ` of one half's normal equations, from its lower triangle.
+#[derive(Clone, Copy)]
 pub(super) struct Half<V, const M: usize> {
     pub gram: [[V; M]; M],
     pub inverse: [V; M],

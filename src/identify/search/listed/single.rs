@@ -157,7 +157,7 @@ impl<const P: usize, const Q: usize> WithSimd for Bound<'_, P, Q> {
             let slack = Packed::<S, f64>::new(simd, S::as_simd_f64s(&singles.slack).0[v]) * condition;
             S::as_mut_simd_f64s(&mut out.cost).0[v] = cost.x;
             let limits = simd.splat_f64s(limit);
-            if block.children.is_empty() {
+            if block.is_single() {
                 let bound = cost - slack;
                 let dead = simd.greater_than_f64s(bound.x, limits);
                 S::as_mut_simd_f64s(&mut out.bound).0[v] = bound.x;

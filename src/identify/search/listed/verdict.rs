@@ -1,10 +1,10 @@
 //! What a bound says of each denominator of a block, for a cluster and for each of its parts.
 
 use super::denominators::{FREE, WIDE};
-use super::frame::Frame;
+use super::frame::{Frame, Range};
 use super::kernel::Bounds;
-use super::real::Real;
-use super::{DIRECTIONS, FAINT, PARTS};
+use super::real::{Packed, Real};
+use super::{DIRECTIONS, PARTS};
 use pulp::{Simd, WithSimd};
 
 /// Denominators that may have a member within the limit, a bit each.
@@ -12,10 +12,10 @@ use pulp::{Simd, WithSimd};
 pub(super) struct Verdict<N> {
     /// In the cluster.
     pub alive: u64,
-    /// In each part, as far as the cluster's own y tells, and the smallest bound; if asked for.
+    /// If asked for: in each part, as far as the cluster's own y tells, and the smallest bound there.
     pub parts: [u64; PARTS],
     pub least: [N; PARTS],
-    /// The smallest bound in the cluster; −∞ where nothing is known.
+    /// If not: the smallest bound in the cluster. −∞ where nothing is known.
     pub bound: N,
 }
 
@@ -43,83 +43,132 @@ struct Find<'a, N> {
     divided: bool,
 }
 
+/// Bit i of byte j becomes bit j of byte i.
+#[inline(always)]
+fn transposed(mut bytes: u64) -> u64 {
+    for (mask, shift) in [(0x00aa_00aa_00aa_00aa, 7), (0x0000_cccc_0000_cccc, 14), (0x0000_0000_f0f0_f0f0, 28)] {
+        let swapped = (bytes ^ (bytes >> shift)) & mask;
+        bytes ^= swapped ^ (swapped << shift);
+    }
+    bytes
+}
+
+/// A vector of a chunk.
+#[inline(always)]
+fn vector<S: Simd, N: Real>(simd: S, chunk: &[N; WIDE], v: usize) -> Packed<S, N> {
+    Packed::new(simd, N::vectors::<S>(chunk)[v])
+}
+
+/// `sum + Σ_m min over the ranges of slope_m t_m`.
+#[inline(always)]
+fn least_over<S: Simd, N: Real>(
+    simd: S,
+    mut sum: Packed<S, N>,
+    slopes: &[[Packed<S, N>; 2]; DIRECTIONS],
+    ranges: &[Range<N>],
+) -> Packed<S, N> {
+    for ([slope, modulus], range) in slopes.iter().zip(ranges) {
+        sum = slope.times_plus(Packed::of(simd, range.middle), sum);
+        sum = modulus.times_from(Packed::of(simd, range.half), sum);
+    }
+    sum
+}
+
 impl<N: Real> WithSimd for Find<'_, N> {
     type Output = Verdict<N>;
 
-    /// Plain loops, which the compiler vectorises for the dispatched instructions.
     #[inline(always)]
     // Indices run over several arrays at once.
     #[allow(clippy::needless_range_loop)]
-    fn with_simd<S: Simd>(self, _: S) -> Verdict<N> {
+    fn with_simd<S: Simd>(self, simd: S) -> Verdict<N> {
         let Self { frame, bounds, lane, offsets, mask, limit, divided } = self;
-        let nothing = N::nearest(f64::NEG_INFINITY);
-        let mut verdict = Verdict { alive: 0, parts: [0; PARTS], least: [N::INFINITY; PARTS], bound: N::INFINITY };
-        let base: [N; 3] = std::array::from_fn(|i| bounds.base[i][lane]);
-        let square: [N; 6] = std::array::from_fn(|i| bounds.square[i][lane]);
-        let slopes: [[N; 3]; DIRECTIONS] = std::array::from_fn(|m| std::array::from_fn(|i| bounds.slopes[m][i][lane]));
-        let lost = bounds.lost[lane];
-        let mut faint = N::default();
+        let number = |x: N| Packed::<S, N>::of(simd, x);
+        let (zero, infinite, within) = (number(N::default()), number(N::INFINITY), number(limit));
+        let nothing = number(N::nearest(f64::NEG_INFINITY));
+        // Affine and quadratic in the offsets.
+        let affine: [N; FREE + 1] = std::array::from_fn(|i| bounds.base[i][lane] - bounds.square[i][lane]);
+        let centre = number(affine[0] - bounds.lost[lane]);
+        let (along_a, along_b) = (number(affine[1]), number(affine[2]));
+        let square = |i: usize| number(bounds.square[i][lane]);
+        let (aa, ab, bb) = (square(3), square(4), square(5));
+        let faint = bounds.faint.each_ref().map(|lanes| lanes[lane]);
+        let mut faint_of_whole = zero;
+        for (slope, range) in faint.into_iter().zip(&frame.ranges[DIRECTIONS..]) {
+            let slope = number(slope);
+            faint_of_whole = slope.times_plus(number(range.middle), faint_of_whole);
+            faint_of_whole = slope.modulus().times_from(number(range.half), faint_of_whole);
+        }
         let mut faint_of_parts = [N::default(); PARTS];
-        for m in 0..FAINT {
-            let slope = bounds.faint[m][lane];
-            let at = DIRECTIONS + m;
-            faint = faint + (slope * frame.low[at]).smaller(slope * frame.high[at]);
-            for part in 0..PARTS {
-                let (low, high) = (frame.parts_low[at][part], frame.parts_high[at][part]);
-                faint_of_parts[part] = faint_of_parts[part] + (slope * low).smaller(slope * high);
+        if divided {
+            for (slope, range) in faint.into_iter().zip(&frame.faint) {
+                for part in 0..PARTS {
+                    let least = slope * range.middle[part] - slope.magnitude() * range.half[part];
+                    faint_of_parts[part] = faint_of_parts[part] + least;
+                }
             }
         }
-        // What is no number says nothing, and must not hide in a minimum.
-        let known = |bound: N| if bound > nothing { bound } else { nothing };
+        let count = N::vectors::<S>(&offsets[0][0]).len();
+        let powers: [N; PARTS] = std::array::from_fn(|part| N::nearest(f64::from(1_u32 << part)));
+        let mut parts = [0_u64; PARTS];
+        let (mut least, mut least_of_parts) = (infinite, [infinite; PARTS]);
         for (chunk, [a, b]) in offsets.iter().enumerate() {
             let bits = (mask >> (chunk * WIDE)) & ((1 << WIDE) - 1);
             if bits == 0 {
                 continue;
             }
-            let mut here = [N::default(); WIDE];
-            for j in 0..WIDE {
-                let (a, b) = (a[j], b[j]);
-                here[j] = base[0] + a * base[1] + b * base[2]
-                    - (square[0] + a * square[1] + b * square[2])
-                    - (a * a * square[3] + a * b * square[4] + b * b * square[5])
-                    - lost;
-            }
-            let mut tilted = [[N::default(); WIDE]; DIRECTIONS];
-            let mut whole = here.map(|here| here + faint);
-            for m in 0..DIRECTIONS {
-                for j in 0..WIDE {
-                    tilted[m][j] = slopes[m][0] + a[j] * slopes[m][1] + b[j] * slopes[m][2];
-                    let (low, high) = (tilted[m][j] * frame.low[m], tilted[m][j] * frame.high[m]);
-                    whole[j] = whole[j] + low.smaller(high);
+            let absent: [N; WIDE] =
+                std::array::from_fn(|j| if bits & (1 << j) == 0 { N::INFINITY } else { N::default() });
+            // Which parts each denominator lives in, a bit for each.
+            let mut living = [N::default(); WIDE];
+            for v in 0..count {
+                let (a, b, absent) = (vector(simd, a, v), vector(simd, b, v), vector(simd, &absent, v));
+                let mut here = along_a.times_plus(a, along_b.times_plus(b, centre));
+                here = aa.times_from(a * a, here);
+                here = ab.times_from(a * b, here);
+                here = bb.times_from(b * b, here) + absent;
+                let mut tilted = [[zero; 2]; DIRECTIONS];
+                for (tilted, slopes) in tilted.iter_mut().zip(&bounds.slopes) {
+                    let slope = number(slopes[2][lane]).times_plus(b, number(slopes[0][lane]));
+                    let slope = number(slopes[1][lane]).times_plus(a, slope);
+                    *tilted = [slope, slope.modulus()];
                 }
-            }
-            for j in 0..WIDE {
-                if bits & (1 << j) == 0 || whole[j] > limit {
+                let whole = least_over(simd, here + faint_of_whole, &tilted, &frame.ranges);
+                let whole = whole.max(nothing);
+                if whole.smallest() > limit {
                     continue;
                 }
-                let bit = 1 << (chunk * WIDE + j);
-                verdict.bound = verdict.bound.smaller(known(whole[j]));
-                if !divided {
-                    verdict.alive |= bit;
-                    continue;
-                }
-                let mut of_parts = faint_of_parts.map(|faint| here[j] + faint);
-                for m in 0..DIRECTIONS {
-                    for part in 0..PARTS {
-                        let low = tilted[m][j] * frame.parts_low[m][part];
-                        let high = tilted[m][j] * frame.parts_high[m][part];
-                        of_parts[part] = of_parts[part] + low.smaller(high);
+                let mut lives = zero;
+                if divided {
+                    for part in 0..frame.parts {
+                        let bound =
+                            least_over(simd, here + number(faint_of_parts[part]), &tilted, &frame.leading[part]);
+                        // The whole's bound holds for the parts as well, and what is no number says nothing.
+                        let bound = bound.max(whole);
+                        lives = lives + bound.where_above(within, zero, number(powers[part]));
+                        least_of_parts[part] = least_of_parts[part].min(bound.where_above(within, infinite, bound));
                     }
+                } else {
+                    lives = whole.where_above(within, zero, number(powers[0]));
+                    least = least.min(whole.where_above(within, infinite, whole));
                 }
-                for part in 0..PARTS {
-                    let dead = of_parts[part] > limit;
-                    let alive = if dead { 0 } else { bit };
-                    verdict.alive |= alive;
-                    verdict.parts[part] |= alive;
-                    let least = if dead { N::INFINITY } else { known(of_parts[part]) };
-                    verdict.least[part] = verdict.least[part].smaller(least);
-                }
+                N::vectors_mut::<S>(&mut living)[v] = lives.x;
             }
+            let mut bytes = [[0; 8]; WIDE / 8];
+            for (bytes, living) in bytes.iter_mut().zip(living.chunks_exact(8)) {
+                bytes.iter_mut().zip(living).for_each(|(byte, lives)| *byte = lives.byte());
+            }
+            for (eighth, bytes) in bytes.into_iter().enumerate() {
+                let of_parts = transposed(u64::from_le_bytes(bytes)).to_le_bytes();
+                let at = chunk * WIDE + 8 * eighth;
+                parts.iter_mut().zip(of_parts).for_each(|(into, bits)| *into |= u64::from(bits) << at);
+            }
+        }
+        parts.iter_mut().for_each(|bits| *bits &= mask);
+        let alive = parts.iter().fold(0, |all, bits| all | bits);
+        let mut verdict = Verdict { alive, parts, least: [N::INFINITY; PARTS], bound: least.smallest() };
+        // No `map`: what it calls is not inlined where the instructions are known.
+        for (into, least) in verdict.least.iter_mut().zip(least_of_parts).take(if divided { frame.parts } else { 0 }) {
+            *into = least.smallest();
         }
         verdict
     }

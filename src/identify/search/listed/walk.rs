@@ -22,6 +22,9 @@ const BALANCE: f64 = 4.0;
 /// Candidates that a thread keeps before it throws out those that a better incumbent has made worthless.
 const KEPT: usize = 1 << 14;
 
+/// Of a cluster's blocks, as many as there is room for at once in the list of each part.
+const LARGEST_SHARE: usize = 64;
+
 /// Pairs that a beam keeps, and members that it evaluates of each leaf.
 pub(super) const BEAM: usize = 256;
 const LARGEST_SAMPLE: usize = 256;
@@ -144,11 +147,7 @@ impl<'a> Walk<'a> {
     /// Every denominator.
     pub(super) fn everything(&self) -> Vec<Item> {
         let feedforward = &self.cells.feedforward;
-        let all = |root: &u32| {
-            let count = feedforward.blocks[*root as usize].offsets.len();
-            (*root, u64::MAX >> (super::denominators::LARGEST - count))
-        };
-        feedforward.roots.iter().map(all).collect()
+        feedforward.roots.iter().map(|root| (*root, feedforward.divisions[*root as usize].everything())).collect()
     }
 
     /// No feedback at all, with every feedforward denominator.
@@ -178,9 +177,7 @@ impl<'a> Walk<'a> {
                 }
             }
             for (middle, (_, root)) in middles.iter().zip(best) {
-                let block = &self.cells.feedforward.blocks[root as usize];
-                let place = block.first + block.offsets.len() / 2;
-                self.members(own, &[*middle], place);
+                self.members(own, &[*middle], self.cells.feedforward.divisions[root as usize].middle());
             }
         }
         Ok(())
@@ -230,7 +227,7 @@ impl<'a> Walk<'a> {
         loop {
             let done = |(cell, block): &(u32, u32)| {
                 self.cells.nodes[*cell as usize].children.is_empty()
-                    && feedforward.blocks[*block as usize].children.is_empty()
+                    && feedforward.divisions[*block as usize].is_single()
             };
             if pairs.iter().all(done) {
                 break;
@@ -245,7 +242,7 @@ impl<'a> Walk<'a> {
                 let items: Vec<Item> = same
                     .iter()
                     .flat_map(|(_, block)| {
-                        let children = &feedforward.blocks[*block as usize].children;
+                        let children = feedforward.divisions[*block as usize].parts();
                         if children.is_empty() { vec![(*block, 0)] } else { children.iter().map(|c| (*c, 0)).collect() }
                     })
                     .collect();
@@ -263,7 +260,7 @@ impl<'a> Walk<'a> {
         for (cell, block) in pairs {
             self.ctl.check()?;
             let members: Vec<u32> = self.cells.nodes[cell as usize].members.clone().take(LARGEST_SAMPLE).collect();
-            let place = feedforward.blocks[block as usize].first;
+            let place = feedforward.divisions[block as usize].first as usize;
             members.chunks(LANES).for_each(|eight| self.members(own, eight, place));
         }
         Ok(())
@@ -341,8 +338,11 @@ impl<'a> Walk<'a> {
         // Leaves are done with one denominator at a time.
         let is_done = finish && is_leaf && !node.rough;
         let parts = if is_leaf { &[cell][..] } else { &node.children };
-        let mut opened: Vec<Open> =
-            parts.iter().map(|cell| Open { cell: *cell, items: Vec::new(), bound: f64::INFINITY }).collect();
+        let none = |cell: &u32| {
+            let items = Vec::with_capacity(items.len().min(LARGEST_SHARE));
+            Open { cell: *cell, items, bound: f64::INFINITY }
+        };
+        let mut opened: Vec<Open> = parts.iter().map(none).collect();
         if !is_leaf {
             let children = node.children.iter().map(|child| &self.cells.nodes[*child as usize]);
             room(own).frame.fill_parts(node, children);
@@ -351,6 +351,7 @@ impl<'a> Walk<'a> {
         let mut work = Work::default();
         items.iter().for_each(|item| work.push(self.cells, *item));
         let mut batch = Vec::with_capacity(BLOCKS);
+        let mut places = Vec::new();
         while work.next(&mut batch) {
             let limit = N::above(self.limit_in_units());
             let extent = room(own).frame.extent;
@@ -361,8 +362,8 @@ impl<'a> Walk<'a> {
                 if bounds.whole[lane] > limit {
                     continue;
                 }
-                let block = &feedforward.blocks[id as usize];
-                let divide = !block.children.is_empty() && (is_done || bounds.extent[lane].value() > BALANCE * extent);
+                let block = &feedforward.divisions[id as usize];
+                let divide = !block.is_single() && (is_done || bounds.extent[lane].value() > BALANCE * extent);
                 let divided = !is_leaf && !divide;
                 let Verdict { alive, parts, least, bound } =
                     verdict(frame, bounds, lane, N::table(feedforward).offsets(id), mask, limit, divided);
@@ -372,7 +373,7 @@ impl<'a> Walk<'a> {
                 if divide {
                     self.divide(id, alive, &mut work);
                 } else if is_done {
-                    self.leaf(own, node, id);
+                    places.push(block.first as usize);
                 } else if is_leaf {
                     opened[0].add((id, alive), self.in_units_of_cost(bound));
                 } else {
@@ -383,6 +384,9 @@ impl<'a> Walk<'a> {
                     }
                 }
             }
+        }
+        if !places.is_empty() {
+            self.leaf(own, node, &places);
         }
         opened.retain(|open| !open.items.is_empty());
         if is_leaf
@@ -399,11 +403,15 @@ impl<'a> Walk<'a> {
         bound.value() * self.lines.scale * self.lines.scale * (1.0 - 4.0 * f64::EPSILON)
     }
 
-    /// The members of a leaf with a single denominator.
-    fn leaf(&self, own: &mut Own, cell: &Cell, block: u32) {
-        let place = self.cells.feedforward.blocks[block as usize].first;
+    /// The members of a leaf with single denominators, by their places in the order of the blocks.
+    fn leaf(&self, own: &mut Own, cell: &Cell, places: &[usize]) {
         let members: Vec<u32> = cell.members.clone().collect();
-        members.chunks(LANES).for_each(|eight| self.members(own, eight, place));
+        for eight in members.chunks(LANES) {
+            self.fill(own, eight);
+            for place in places {
+                self.evaluate(own, *place, eight.len(), |lane| self.cells.feedback(eight[lane] as usize));
+            }
+        }
     }
 
     /// The members of a leaf that cannot be bounded together: eight at a time, each by itself, with ever smaller blocks of denominators.
@@ -416,9 +424,11 @@ impl<'a> Walk<'a> {
             let mut work = Work::default();
             items.iter().for_each(|item| work.push(self.cells, *item));
             while let Some((id, mask)) = work.pop() {
-                let block = &feedforward.blocks[id as usize];
-                if block.children.is_empty() {
-                    self.evaluate(own, block.first, eight.len(), |lane| self.cells.feedback(eight[lane] as usize));
+                let block = &feedforward.divisions[id as usize];
+                if block.is_single() {
+                    self.evaluate(own, block.first as usize, eight.len(), |lane| {
+                        self.cells.feedback(eight[lane] as usize)
+                    });
                     continue;
                 }
                 self.bound(own, id, mask, self.limit());
@@ -432,11 +442,11 @@ impl<'a> Walk<'a> {
 
     /// The parts of a block that hold one of these denominators.
     fn divide(&self, id: u32, any: u64, work: &mut Work) {
-        let block = &self.cells.feedforward.blocks[id as usize];
-        for child in &block.children {
-            let part = &self.cells.feedforward.blocks[*child as usize];
-            let all = u64::MAX >> (super::denominators::LARGEST - part.offsets.len());
-            let mask = (any >> (part.first - block.first)) & all;
+        let divisions = &self.cells.feedforward.divisions;
+        let block = &divisions[id as usize];
+        for child in block.parts() {
+            let part = &divisions[*child as usize];
+            let mask = (any >> (part.first - block.first)) & part.everything();
             if mask != 0 {
                 work.push(self.cells, (*child, mask));
             }
@@ -490,7 +500,7 @@ struct Work {
 
 impl Work {
     fn push(&mut self, cells: &Cells, item: Item) {
-        let alone = cells.feedforward.blocks[item.0 as usize].children.is_empty();
+        let alone = cells.feedforward.divisions[item.0 as usize].is_single();
         if alone { self.alone.push(item) } else { self.blocks.push(item) }
     }
 
