@@ -106,16 +106,9 @@ fn tested<const N: usize>(length: usize, base: &[f64], step: &[f64], gains: &[f6
                 c[i][lane] = sign[lane] * (base[i] + gain[lane] * step[i]);
             }
         }
-        let mut check = |i: usize, entry: &[f64; LANES]| {
-            for lane in 0..LANES {
-                let limit = POSITIVE * (base[i].abs() + (gain[lane] * step[i]).abs());
-                let above = if entry[lane] > limit { 1.0 } else { -1.0 };
-                least[lane] = if above < least[lane] { above } else { least[lane] };
-            }
-        };
-        check(0, &c[0]);
+        check(&mut least, &c[0], base[0], step[0], &gain);
         for k in 0..length - 1 {
-            check(k + 1, &c[k + 1]);
+            check(&mut least, &c[k + 1], base[k + 1], step[k + 1], &gain);
             let mut factor = [0.0; LANES];
             for lane in 0..LANES {
                 factor[lane] = c[k][lane] / c[k + 1][lane];
@@ -133,6 +126,16 @@ fn tested<const N: usize>(length: usize, base: &[f64], step: &[f64], gains: &[f6
                 visit(chunk * LANES + lane);
             }
         }
+    }
+}
+
+/// Takes down whether entries of the first column are positive. A function, since a closure would be called.
+#[inline(always)]
+fn check(least: &mut [f64; LANES], entry: &[f64; LANES], base: f64, step: f64, gain: &[f64; LANES]) {
+    for lane in 0..LANES {
+        let limit = POSITIVE * (base.abs() + (gain[lane] * step).abs());
+        let above = if entry[lane] > limit { 1.0 } else { -1.0 };
+        least[lane] = if above < least[lane] { above } else { least[lane] };
     }
 }
 

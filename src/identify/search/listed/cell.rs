@@ -1,9 +1,10 @@
 //! A cluster of feedback controllers, as it is kept.
 
-use super::ALL;
-use super::deviations::{Extent, Split};
-use super::principal::Part;
-use num_complex::{Complex32, Complex64};
+use super::deviations::Split;
+use super::extent::Extent;
+use super::principal::{Faint, Part};
+use super::{ALL, DIRECTIONS, FAINT};
+use num_complex::Complex64;
 
 /// Leaves above this size are looked at member by member.
 const ROUGH: f64 = 0.03;
@@ -11,19 +12,27 @@ const ROUGH: f64 = 0.03;
 /// Parts into which a range is divided for [`Cell::range_within`].
 const STEPS: f64 = u8::MAX as f64;
 
+/// Where the numbers of a cell lie, in words of 32 bits: ranges of the coordinates along the directions in single precision; ranges of
+/// its members' coordinates in the cluster that it is a part of, as shares of that one's range; units of the faint directions.
+const RANGES: usize = 0;
+const WITHIN: usize = RANGES + 2 * ALL;
+const UNITS: usize = WITHIN + ALL / 2;
+const LINES: usize = UNITS + FAINT / 2;
+
+/// Then for each line: `1/S` of the centre, which need not be a member's; see [`Profile`]; the directions.
+const CENTRE: usize = 0;
+const PROFILE: usize = 2;
+const LEADING: usize = 5;
+const TRAILING: usize = LEADING + DIRECTIONS;
+const PER_LINE: usize = TRAILING + FAINT / 2;
+
+// Two ranges within, units or faint parts share a word.
+const _: () = assert!(ALL.is_multiple_of(2) && FAINT.is_multiple_of(2));
+
 /// A cluster of feedback controllers, in as little memory as bounds allow: there are many.
 #[derive(Debug, Clone)]
 pub(super) struct Cell {
-    /// `1/S` of the centre at each line, which need not be a member's.
-    pub(super) centre: Box<[Complex32]>,
-    /// Principal directions, one after another.
-    pub(super) directions: Box<[Part]>,
-    /// Range of the coordinate along each.
-    pub(super) ranges: [[f32; 2]; ALL],
-    /// Range of its members' coordinates in the cluster that it is a part of, as shares of that one's range.
-    pub(super) within: [[u8; 2]; ALL],
-    /// Three values a line: see [`Profile`].
-    pub(super) profile: Box<[[f32; 3]]>,
+    pub(super) numbers: Box<[u32]>,
     /// Largest norm of what all directions leave over, in units of [`Profile::scale`].
     pub reach: f32,
     /// The members, a range of the sorted list.
@@ -50,51 +59,84 @@ fn above(x: f64) -> f32 {
     if f64::from(single) < x { single.next_up() } else { single }
 }
 
+/// Half a word, by its position.
+fn half(word: u32, at: usize) -> u16 {
+    (word >> (16 * (at % 2))) as u16
+}
+
+fn number(word: u32) -> f64 {
+    f64::from(f32::from_bits(word))
+}
+
 impl Cell {
+    /// Words that a cell takes with so many lines.
+    pub(super) fn words(lines: usize) -> usize {
+        LINES + PER_LINE * lines
+    }
+
     pub(super) fn new(split: &Split, extent: &Extent, members: std::ops::Range<u32>) -> Self {
-        let single = |x: &Complex64| Complex32::new(x.re as f32, x.im as f32);
-        let profile = |k: usize| [above(extent.radius[k]), above(extent.remainder[k]), split.scale[k] as f32];
+        let lines = split.centre.len();
+        let mut numbers = Vec::with_capacity(Self::words(lines));
+        let halves = |low: u16, high: u16| u32::from(low) | u32::from(high) << 16;
+        for (low, high) in extent.low.iter().zip(&extent.high) {
+            numbers.extend([-above(-low), above(*high)].map(f32::to_bits));
+        }
+        numbers.extend([u32::from_le_bytes([0, u8::MAX, 0, u8::MAX]); ALL / 2]);
+        let direction = |m: usize| &split.directions[m * lines..(m + 1) * lines];
+        let faint: [Faint; FAINT] = std::array::from_fn(|j| Faint::new(direction(DIRECTIONS + j)));
+        numbers.extend(faint.chunks_exact(2).map(|two| halves(two[0].unit(), two[1].unit())));
+        for (k, centre) in split.centre.iter().enumerate() {
+            numbers.extend([centre.re as f32, centre.im as f32].map(f32::to_bits));
+            let profile = [above(extent.radius[k]), above(extent.remainder[k]), split.scale[k] as f32];
+            numbers.extend(profile.map(f32::to_bits));
+            numbers.extend((0..DIRECTIONS).map(|m| Part::new(direction(m)[k]).bits()));
+            let bits = |j: usize| faint[j].bits(direction(DIRECTIONS + j)[k]);
+            numbers.extend((0..FAINT / 2).map(|j| halves(bits(2 * j), bits(2 * j + 1))));
+        }
         // The scale is rounded to the nearest, by less than 2⁻²³ of itself.
         let reach = above(extent.reach * (1.0 + f64::from(f32::EPSILON)));
-        Self {
-            centre: split.centre.iter().map(single).collect(),
-            directions: split.directions.iter().copied().map(Part::new).collect(),
-            ranges: std::array::from_fn(|m| [-above(-extent.low[m]), above(extent.high[m])]),
-            within: [[0, u8::MAX]; ALL],
-            profile: (0..split.centre.len()).map(profile).collect(),
-            reach,
-            members,
-            children: Box::default(),
-            rough: extent.size() > ROUGH,
-        }
+        Self { numbers: numbers.into(), reach, members, children: Box::default(), rough: extent.size() > ROUGH }
+    }
+
+    fn line(&self, line: usize) -> &[u32] {
+        &self.numbers[LINES + PER_LINE * line..LINES + PER_LINE * (line + 1)]
     }
 
     pub(super) fn centre(&self, line: usize) -> Complex64 {
-        let c = self.centre[line];
-        Complex64::new(f64::from(c.re), f64::from(c.im))
+        let line = self.line(line);
+        Complex64::new(number(line[CENTRE]), number(line[CENTRE + 1]))
     }
 
     pub(super) fn direction(&self, m: usize, line: usize) -> Complex64 {
-        self.directions[m * self.centre.len() + line].value()
+        let line = self.line(line);
+        match m.checked_sub(DIRECTIONS) {
+            None => Part::from_bits(line[LEADING + m]).value(),
+            Some(j) => {
+                let faint = Faint::from_unit(half(self.numbers[UNITS + j / 2], j));
+                faint.value(half(line[TRAILING + j / 2], j))
+            }
+        }
     }
 
     pub(super) fn profile(&self, line: usize) -> Profile {
-        let [radius, remainder, scale] = self.profile[line].map(f64::from);
+        let line = self.line(line);
+        let [radius, remainder, scale] = [0, 1, 2].map(|i| number(line[PROFILE + i]));
         Profile { radius, remainder, scale }
     }
 
     pub(super) fn range(&self, m: usize) -> [f64; 2] {
-        self.ranges[m].map(f64::from)
+        [0, 1].map(|end| number(self.numbers[RANGES + 2 * m + end]))
     }
 
     /// Range of the members' coordinates in the frame of the cluster that this one is a part of.
     pub(super) fn range_within(&self, whole: &Self, m: usize) -> [f64; 2] {
-        self.within[m].map(|share| whole.at(m, share))
+        half(self.numbers[WITHIN + m / 2], m).to_le_bytes().map(|share| whole.at(m, share))
     }
 
     /// Keeps these ranges of coordinates in the frame of `whole`, rounded outwards.
     pub(super) fn set_within(&mut self, whole: &Self, ranges: &[[f64; 2]; ALL]) {
-        for (m, ([low, high], within)) in ranges.iter().zip(&mut self.within).enumerate() {
+        let mut within = [[0, u8::MAX]; ALL];
+        for (m, ([low, high], within)) in ranges.iter().zip(&mut within).enumerate() {
             let [from, to] = whole.range(m);
             let share = |t: f64| if to > from { (t - from) / (to - from) * STEPS } else { 0.0 };
             let (mut below, mut above) = (share(*low).floor() as u8, share(*high).ceil() as u8);
@@ -106,6 +148,9 @@ impl Cell {
                 above += 1;
             }
             *within = [below, above];
+        }
+        for (word, two) in self.numbers[WITHIN..].iter_mut().zip(within.chunks_exact(2)) {
+            *word = u32::from_le_bytes([two[0][0], two[0][1], two[1][0], two[1][1]]);
         }
     }
 

@@ -6,8 +6,9 @@
 //! depend on plant, lines and pool, not on what was measured: all trials of a study share them.
 
 use super::cell::Cell;
-use super::grower::Grower;
+use super::grower::{Forest, Grower};
 use super::singles::LANES;
+use super::wide::{Pair, Rows, WIDE};
 use crate::identify::pool::{Feedback, Pool};
 use crate::identify::problem::Problem;
 use crate::num::{Ctl, Stopped};
@@ -15,7 +16,7 @@ use num_complex::Complex64;
 use rayon::prelude::*;
 
 /// Clusters of at most so many members are not divided. Smaller ones save a search little time and cost much memory.
-pub(super) const LEAF: usize = 64;
+pub(super) const LEAF: usize = 76;
 
 /// Bits of a member that hold the position of its gain.
 pub(super) const GAIN_BITS: u32 = 7;
@@ -41,8 +42,8 @@ pub struct Cells {
     pub(super) rows: Vec<Row>,
     pub(super) gains: Vec<f64>,
     /// `G/D` of each denominator, and each numerator, at the lines.
-    pub(super) denominators: Vec<Vec<Complex64>>,
-    pub(super) numerators: Vec<Vec<Complex64>>,
+    pub(super) denominators: Rows,
+    pub(super) numerators: Rows,
     /// How many denominators make a stable loop without feedback, and the first of them.
     pub(super) without_feedback: Option<(u64, usize)>,
     pub(super) feedforward: super::denominators::Denominators,
@@ -63,31 +64,47 @@ pub fn can_list(pool: &Pool) -> bool {
 pub(super) struct Table<'a> {
     rows: &'a [Row],
     gains: &'a [f64],
-    denominators: &'a [Vec<Complex64>],
-    numerators: &'a [Vec<Complex64>],
+    denominators: &'a Rows,
+    numerators: &'a Rows,
 }
 
-impl Table<'_> {
-    /// `1 + L` of a member at each line.
+/// Where the factors of a member's loop are.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Place {
+    pub gain: f64,
+    denominator: u32,
+    numerator: u32,
+}
+
+impl<'a> Table<'a> {
+    pub(super) fn new(rows: &'a [Row], gains: &'a [f64], denominators: &'a Rows, numerators: &'a Rows) -> Self {
+        Self { rows, gains, denominators, numerators }
+    }
+
+    /// The gain, and the positions of denominator and numerator.
     #[inline(always)]
-    pub(super) fn response(&self, member: u32) -> impl Iterator<Item = Complex64> {
+    pub(super) fn place(&self, member: u32) -> Place {
         let row = &self.rows[(member >> GAIN_BITS) as usize];
         let gain = row.unit * self.gains[(member & ((1 << GAIN_BITS) - 1)) as usize];
-        let (d, n) = (&self.denominators[row.denominator as usize], &self.numerators[row.numerator as usize]);
-        d.iter().zip(n).map(move |(d, n)| 1.0 + gain * (d * n))
+        Place { gain, denominator: row.denominator, numerator: row.numerator }
+    }
+
+    /// Denominator and numerator: `1 + L` is one and their product with the gain.
+    #[inline(always)]
+    pub(super) fn factors(&self, place: &Place) -> (&'a [Pair<f64>], &'a [Pair<f64>]) {
+        (self.denominators.row(place.denominator as usize), self.numerators.row(place.numerator as usize))
     }
 }
 
 /// `G/D` of each denominator, and each numerator, at the lines.
-pub(super) fn at_lines(problem: &Problem, pool: &Pool) -> [Vec<Vec<Complex64>>; 2] {
+pub(super) fn at_lines(problem: &Problem, pool: &Pool) -> [Rows; 2] {
     let table = pool.feedback();
-    let denominator = |d: &[f64]| {
+    let denominator = |d: &[f64]| -> Vec<Complex64> {
         problem.reciprocal_at_lines(d).iter().zip(problem.lines()).map(|(d, line)| line.plant * d).collect()
     };
-    [
-        table.denominators().par_iter().map(|d| denominator(&d.coefficients)).collect(),
-        table.numerators().iter().map(|n| problem.at_lines(&n.coefficients)).collect(),
-    ]
+    let denominators: Vec<_> = table.denominators().par_iter().map(|d| denominator(&d.coefficients)).collect();
+    let numerators: Vec<_> = table.numerators().iter().map(|n| problem.at_lines(&n.coefficients)).collect();
+    [denominators, numerators].map(|rows| Rows::new(problem.lines().len(), &rows))
 }
 
 impl Cells {
@@ -147,27 +164,34 @@ impl Cells {
         }
         let gains = table.gains().to_vec();
         let grower = Grower {
-            table: Table { rows: &rows, gains: &gains, denominators: &denominators, numerators: &numerators },
+            table: Table::new(&rows, &gains, &denominators, &numerators),
             lines: problem.lines().len(),
             leaf: leaf.max(1),
             ctl,
         };
-        let (nodes, roots) = if members.is_empty() { (Vec::new(), Vec::new()) } else { grower.forest(&mut members)? };
+        let Forest { nodes, roots } = grower.forest(&mut members)?;
         Ok(Some(Self { nodes, roots, members, rows, gains, denominators, numerators, without_feedback, feedforward }))
     }
 
     fn table(&self) -> Table<'_> {
-        Table { rows: &self.rows, gains: &self.gains, denominators: &self.denominators, numerators: &self.numerators }
+        Table::new(&self.rows, &self.gains, &self.denominators, &self.numerators)
     }
 
     /// `1 + L` of up to eight members, by their places in the order of the clusters: per line eight real and eight imaginary parts, of
     /// which those left over repeat the last.
     pub(super) fn responses(&self, places: &[u32], into: &mut [f64]) {
+        let table = self.table();
         for lane in 0..LANES {
             let place = places[lane.min(places.len() - 1)];
-            let table = self.table();
-            let response = table.response(self.members[place as usize]);
-            super::deviations::put(into, lane, response);
+            let place = table.place(self.members[place as usize]);
+            let ((d, n), gain) = (table.factors(&place), place.gain);
+            for ((lines, d), n) in into.chunks_mut(2 * LANES * WIDE).zip(d).zip(n) {
+                let parts = d.re.0.iter().zip(&d.im.0).zip(n.re.0.iter().zip(&n.im.0));
+                for (line, ((d_re, d_im), (n_re, n_im))) in lines.chunks_exact_mut(2 * LANES).zip(parts) {
+                    line[lane] = 1.0 + gain * (d_re * n_re - d_im * n_im);
+                    line[LANES + lane] = gain * (d_re * n_im + d_im * n_re);
+                }
+            }
         }
     }
 

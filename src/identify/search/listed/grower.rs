@@ -1,9 +1,11 @@
 //! Dividing the listed controllers into nested clusters.
 
+use super::PARTS;
 use super::cell::Cell;
 use super::cells::Table;
-use super::deviations::{Extent, Pass, Split, Splitter, Widest};
-use super::singles::LANES;
+use super::deviations::{Room, Split};
+use super::extent::{Extent, Widest};
+use super::sample::{Sample, Splitter};
 use crate::num::{Ctl, Stopped};
 use rayon::prelude::*;
 
@@ -32,38 +34,63 @@ pub(super) struct Grower<'a> {
     pub ctl: &'a Ctl,
 }
 
-/// Clusters whose children are counted from the beginning of their own list.
-type Grown = Vec<Cell>;
+/// Clusters, each before those that divide it, and the largest ones worth bounding.
+#[derive(Debug, Default)]
+pub(super) struct Forest {
+    pub nodes: Vec<Cell>,
+    pub roots: Vec<u32>,
+}
+
+impl Forest {
+    fn append(&mut self, other: Self) {
+        let base = self.nodes.len() as u32;
+        self.roots.extend(other.roots.into_iter().map(|root| root + base));
+        self.nodes.extend(other.nodes.into_iter().map(|mut cell| {
+            cell.children.iter_mut().for_each(|child| *child += base);
+            cell
+        }));
+    }
+}
+
+/// Room for one cluster after the other.
+#[derive(Debug, Default)]
+struct Task {
+    sample: Sample,
+    room: Room,
+    /// The part of every member.
+    codes: Vec<u8>,
+    unsorted: Vec<u32>,
+}
+
+/// A division, how far what is divided extends, and how far its parts do.
+struct Measured {
+    split: Split,
+    extent: Extent,
+    widest: Widest,
+}
 
 impl Grower<'_> {
-    /// The clusters, and the largest ones worth bounding.
-    pub(super) fn forest(&self, members: &mut [u32]) -> Result<(Vec<Cell>, Vec<u32>), Stopped> {
-        let mut scratch = vec![0_u32; members.len()];
-        let trees = self.scatter(members, &mut scratch, 0)?;
-        drop(scratch);
-        let mut nodes: Vec<Cell> = Vec::with_capacity(trees.iter().map(Vec::len).sum());
-        let mut roots = Vec::with_capacity(trees.len());
-        for tree in trees {
-            let base = nodes.len() as u32;
-            roots.push(base);
-            nodes.extend(tree.into_iter().map(|mut cell| {
-                cell.children.iter_mut().for_each(|child| *child += base);
-                cell
-            }));
+    /// The clusters.
+    pub(super) fn forest(&self, members: &mut [u32]) -> Result<Forest, Stopped> {
+        let mut forest = Forest::default();
+        if !members.is_empty() {
+            self.scatter(members, 0, &mut Task::default(), &mut forest)?;
         }
-        Ok((nodes, roots))
+        forest.nodes.shrink_to_fit();
+        Ok(forest)
     }
 
     /// Divides what is too large to be bounded, and grows a tree on each part.
-    fn scatter(&self, members: &mut [u32], scratch: &mut [u32], first: u32) -> Result<Vec<Grown>, Stopped> {
-        let splitter = self.splitter(members);
+    fn scatter(&self, members: &mut [u32], first: u32, task: &mut Task, forest: &mut Forest) -> Result<(), Stopped> {
+        let splitter = self.splitter(members, task);
         // The sample says how far to divide, and all members whether that is enough: a few far ones would spoil every bound.
         let mut size = splitter.size;
         if size <= START || members.len() <= self.leaf {
-            let measured = self.measure(members, splitter.by_coordinates(self.halvings(members)))?;
+            let measured = self.measure(members, &splitter, task)?;
             size = measured.extent.size();
             if size <= START || members.len() <= self.leaf {
-                return Ok(vec![self.grow(members, scratch, first, measured)?]);
+                forest.roots.push(forest.nodes.len() as u32);
+                return self.grow(members, first, measured, task, forest);
             }
         }
         let halvings = if size > 3.0 * START && splitter.size > START {
@@ -73,50 +100,51 @@ impl Grower<'_> {
         } else {
             1
         };
-        let split = splitter.by_logarithms(halvings);
-        let codes = self.codes(members, &split)?;
-        let Some(counts) = sort(members, scratch, split.parts(), &codes) else {
-            let measured = self.measure(members, splitter.by_coordinates(self.halvings(members)))?;
-            return Ok(vec![self.grow(members, scratch, first, measured)?]);
+        let split = splitter.by_logarithms(&mut task.sample, halvings);
+        self.codes(members, &split, task)?;
+        let Some(counts) = sort(members, task) else {
+            let measured = self.measure(members, &splitter, task)?;
+            forest.roots.push(forest.nodes.len() as u32);
+            return self.grow(members, first, measured, task, forest);
         };
-        drop(codes);
-        let parts = parts(members, scratch, &counts, first);
-        let each: Vec<_> = parts.into_par_iter().map(|(m, s, first)| self.scatter(m, s, first)).collect();
-        Ok(each.into_iter().collect::<Result<Vec<_>, Stopped>>()?.into_iter().flatten().collect())
+        drop((splitter, split));
+        let each = |m: &mut [u32], first, task: &mut Task, forest: &mut Forest| self.scatter(m, first, task, forest);
+        parts(members, &counts, first, task, forest, each)?;
+        Ok(())
     }
 
-    /// A cluster and everything inside it; the first of the list is the cluster itself.
-    fn grow(&self, members: &mut [u32], scratch: &mut [u32], first: u32, measured: Measured) -> Result<Grown, Stopped> {
-        let Measured { split, extent, codes, widest } = measured;
+    /// A cluster and everything inside it; the first of what is appended is the cluster itself.
+    fn grow(
+        &self,
+        members: &mut [u32],
+        first: u32,
+        measured: Measured,
+        task: &mut Task,
+        forest: &mut Forest,
+    ) -> Result<(), Stopped> {
+        let Measured { split, extent, widest } = measured;
         let size = extent.size();
-        let mut grown = vec![Cell::new(&split, &extent, first..first + members.len() as u32)];
+        let own = forest.nodes.len();
+        forest.nodes.push(Cell::new(&split, &extent, first..first + members.len() as u32));
         if members.len() <= self.leaf || (size <= SMALL && members.len() <= MOST) {
-            return Ok(grown);
+            return Ok(());
         }
-        let Some(counts) = sort(members, scratch, split.parts(), &codes) else { return Ok(grown) };
-        drop((split, extent, codes));
-        let ranges: Vec<_> =
-            (0..counts.len()).filter(|part| counts[*part] > 0).map(|part| widest.ranges(part)).collect();
-        let each: Vec<Result<Grown, Stopped>> = parts(members, scratch, &counts, first)
-            .into_par_iter()
-            .map(|(m, s, first)| {
-                let measured = self.measure(m, self.splitter(m).by_coordinates(self.halvings(m)))?;
-                self.grow(m, s, first, measured)
-            })
-            .collect();
-        let mut children = Vec::with_capacity(each.len());
-        for (tree, ranges) in each.into_iter().zip(&ranges) {
-            let base = grown.len() as u32;
-            children.push(base);
-            let mut tree = tree?;
-            tree[0].set_within(&grown[0], ranges);
-            grown.extend(tree.into_iter().map(|mut cell| {
-                cell.children.iter_mut().for_each(|child| *child += base);
-                cell
-            }));
+        let Some(counts) = sort(members, task) else { return Ok(()) };
+        drop((split, extent));
+        let each = |m: &mut [u32], first, task: &mut Task, forest: &mut Forest| {
+            let splitter = self.splitter(m, task);
+            let measured = self.measure(m, &splitter, task)?;
+            drop(splitter);
+            self.grow(m, first, measured, task, forest)
+        };
+        let children = parts(members, &counts, first, task, forest, each)?;
+        let filled = (0..PARTS).filter(|part| counts[*part] > 0);
+        for (child, part) in children.iter().zip(filled) {
+            let (before, after) = forest.nodes.split_at_mut(*child as usize);
+            after[0].set_within(&before[own], &widest.ranges(part));
         }
-        grown[0].children = children.into();
-        Ok(grown)
+        forest.nodes[own].children = children.into();
+        Ok(())
     }
 
     /// How often a cluster is halved: into eight parts, or fewer where these would be smaller than leaves need to be.
@@ -125,132 +153,123 @@ impl Grower<'_> {
     }
 
     /// Centre, directions and thresholds from a sample.
-    fn splitter(&self, members: &[u32]) -> Splitter {
+    fn splitter(&self, members: &[u32], task: &mut Task) -> Splitter {
         let most = if members.len() <= SHARED { SAMPLE } else { LARGE_SAMPLE };
         let step = members.len().div_ceil(most).max(1);
-        let sample = members.iter().step_by(step).flat_map(|member| self.table.response(*member)).collect();
-        Splitter::new(sample, self.lines)
-    }
-
-    /// Runs over all members, by several threads where there are many.
-    fn over<T: Send>(
-        &self,
-        members: &[u32],
-        each: impl Fn(&[u32], &mut Pass) -> T + Sync,
-        join: impl Fn(T, T) -> T + Sync,
-    ) -> Result<Option<T>, Stopped> {
-        let of = |chunk: &[u32]| {
-            self.ctl.check()?;
-            Ok(each(chunk, &mut Pass::new(self.lines)))
-        };
-        if members.len() <= SHARED {
-            let mut all = None;
-            for chunk in members.chunks(PER_CHECK) {
-                let one = of(chunk)?;
-                all = Some(match all {
-                    Some(before) => join(before, one),
-                    None => one,
-                });
-            }
-            return Ok(all);
-        }
-        members.par_chunks(PER_CHECK).map(|chunk| of(chunk).map(Some)).try_reduce(
-            || None,
-            |a, b| {
-                Ok(match (a, b) {
-                    (Some(a), Some(b)) => Some(join(a, b)),
-                    (a, b) => a.or(b),
-                })
-            },
-        )
+        Splitter::new(&self.table, members, step, self.lines, &mut task.sample)
     }
 
     /// Extent and part of every member.
-    fn measure(&self, members: &[u32], split: Split) -> Result<Measured, Stopped> {
-        let each = |chunk: &[u32], pass: &mut Pass| {
-            let (mut widest, mut codes) = (Widest::none(self.lines), Vec::with_capacity(chunk.len()));
-            for eight in chunk.chunks(LANES) {
-                pass.load(eight.len(), |lane| self.table.response(eight[lane]));
-                pass.widen(&split, &mut widest, &mut codes);
+    fn measure(&self, members: &[u32], splitter: &Splitter, task: &mut Task) -> Result<Measured, Stopped> {
+        self.ctl.check()?;
+        let Task { sample, room, codes, .. } = task;
+        let split = splitter.by_coordinates(sample, self.halvings(members));
+        let mut widest = Widest::none(self.lines);
+        codes.clear();
+        if members.len() <= SAMPLE {
+            // The sample is the whole.
+            split.widen_known(&sample.deviations, &sample.along, &mut widest, codes);
+        } else if members.len() <= SHARED {
+            split.widen(&self.table, members, room, &mut widest, codes);
+        } else {
+            let each = |members: &[u32]| {
+                self.ctl.check()?;
+                let (mut widest, mut codes) = (Widest::none(self.lines), Vec::with_capacity(members.len()));
+                split.widen(&self.table, members, &mut Room::default(), &mut widest, &mut codes);
+                Ok((widest, codes))
+            };
+            for (some, more) in members.par_chunks(PER_CHECK).map(each).collect::<Result<Vec<_>, Stopped>>()? {
+                widest = widest.join(&some);
+                codes.extend(more);
             }
-            (widest, codes)
-        };
-        let join = |(a, mut codes): (Widest, Vec<u8>), (b, more): (Widest, Vec<u8>)| {
-            codes.extend(more);
-            (a.join(&b), codes)
-        };
-        let (widest, codes) = self.over(members, each, join)?.unwrap_or_else(|| (Widest::none(self.lines), Vec::new()));
+        }
         let extent = Extent::new(&widest, &split);
-        Ok(Measured { split, extent, codes, widest })
+        Ok(Measured { split, extent, widest })
     }
 
     /// The part of every member, by its logarithm.
-    fn codes(&self, members: &[u32], split: &Split) -> Result<Vec<u8>, Stopped> {
-        let each = |chunk: &[u32], pass: &mut Pass| {
-            let mut codes = Vec::with_capacity(chunk.len());
-            for eight in chunk.chunks(LANES) {
-                pass.load(eight.len(), |lane| self.table.response(eight[lane]));
-                pass.codes(split, &mut codes);
-            }
-            codes
-        };
-        let join = |mut a: Vec<u8>, b: Vec<u8>| {
-            a.extend(b);
-            a
-        };
-        Ok(self.over(members, each, join)?.unwrap_or_default())
+    fn codes(&self, members: &[u32], split: &Split, task: &mut Task) -> Result<(), Stopped> {
+        self.ctl.check()?;
+        let Task { room, codes, .. } = task;
+        codes.clear();
+        if members.len() <= SHARED {
+            split.codes(&self.table, members, room, codes);
+        } else {
+            let each = |members: &[u32]| {
+                self.ctl.check()?;
+                let mut codes = Vec::with_capacity(members.len());
+                split.codes(&self.table, members, &mut Room::default(), &mut codes);
+                Ok(codes)
+            };
+            let each = members.par_chunks(PER_CHECK).map(each).collect::<Result<Vec<_>, Stopped>>()?;
+            each.into_iter().for_each(|more| codes.extend(more));
+        }
+        Ok(())
     }
 }
 
-/// A division, and what it makes of the members.
-struct Measured {
-    split: Split,
-    extent: Extent,
-    codes: Vec<u8>,
-    widest: Widest,
-}
-
-/// Sorts the members by their part; `None` where they all fall into one.
-fn sort(members: &mut [u32], scratch: &mut [u32], parts: usize, codes: &[u8]) -> Option<Vec<usize>> {
-    let mut counts = vec![0_usize; parts];
+/// Sorts the members by their part, and counts each; `None` where they all fall into one.
+fn sort(members: &mut [u32], task: &mut Task) -> Option<[usize; PARTS]> {
+    let Task { codes, unsorted, .. } = task;
+    let mut counts = [0_usize; PARTS];
     codes.iter().for_each(|code| counts[usize::from(*code)] += 1);
     if counts.contains(&members.len()) {
         return None;
     }
-    let mut next: Vec<usize> = counts
-        .iter()
-        .scan(0, |sum, count| {
-            let before = *sum;
-            *sum += count;
-            Some(before)
-        })
-        .collect();
-    for (member, code) in members.iter().zip(codes) {
+    let mut next = [0_usize; PARTS];
+    for part in 1..PARTS {
+        next[part] = next[part - 1] + counts[part - 1];
+    }
+    unsorted.clear();
+    unsorted.extend_from_slice(members);
+    for (member, code) in unsorted.iter().zip(codes) {
         let place = &mut next[usize::from(*code)];
-        scratch[*place] = *member;
+        members[*place] = *member;
         *place += 1;
     }
-    members.copy_from_slice(scratch);
     Some(counts)
 }
 
-/// The parts of sorted members, without empty ones, each with its share of the scratch memory and its place.
-fn parts<'m>(
-    mut members: &'m mut [u32],
-    mut scratch: &'m mut [u32],
-    counts: &[usize],
+/// Does something to each part of sorted members, without empty ones, by its members and its place: by several threads where there are
+/// many. Where what each appends begins.
+fn parts(
+    members: &mut [u32],
+    counts: &[usize; PARTS],
     first: u32,
-) -> Vec<(&'m mut [u32], &'m mut [u32], u32)> {
-    let mut parts = Vec::new();
-    let mut place = first;
-    for &count in counts {
-        let (m, rest) = members.split_at_mut(count);
-        let (s, left) = scratch.split_at_mut(count);
-        (members, scratch) = (rest, left);
-        if count > 0 {
-            parts.push((m, s, place));
-        }
+    task: &mut Task,
+    forest: &mut Forest,
+    each: impl Fn(&mut [u32], u32, &mut Task, &mut Forest) -> Result<(), Stopped> + Sync,
+) -> Result<Vec<u32>, Stopped> {
+    let shared = members.len() > SHARED;
+    let mut parts = Vec::with_capacity(PARTS);
+    let (mut left, mut place) = (members, first);
+    for &count in counts.iter().filter(|count| **count > 0) {
+        let (part, rest) = left.split_at_mut(count);
+        parts.push((part, place));
+        left = rest;
         place += count as u32;
     }
-    parts
+    let mut begins = Vec::with_capacity(parts.len());
+    if shared {
+        // Each has room of its own; this would lie idle.
+        *task = Task::default();
+        let of = |(members, first): (&mut [u32], u32)| {
+            let mut forest = Forest::default();
+            each(members, first, &mut Task::default(), &mut forest)?;
+            Ok(forest)
+        };
+        let grown = parts.into_par_iter().map(of).collect::<Vec<Result<Forest, Stopped>>>();
+        let grown = grown.into_iter().collect::<Result<Vec<_>, Stopped>>()?;
+        forest.nodes.reserve_exact(grown.iter().map(|grown| grown.nodes.len()).sum());
+        for grown in grown {
+            begins.push(forest.nodes.len() as u32);
+            forest.append(grown);
+        }
+    } else {
+        for (members, first) in parts {
+            begins.push(forest.nodes.len() as u32);
+            each(members, first, task, forest)?;
+        }
+    }
+    Ok(begins)
 }

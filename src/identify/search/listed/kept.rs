@@ -4,11 +4,10 @@
 //! lines, the blocks of feedforward denominators) is made again, which takes less time than reading it would.
 
 use super::super::shelf::{Maker, Plain, Record, Sink, Slice, Source, bad, put_all};
+use super::PARTS;
 use super::cell::Cell;
 use super::cells::{Cells, GAIN_BITS, LEAF, Row, at_lines};
 use super::denominators::Denominators;
-use super::principal::Part;
-use super::{ALL, PARTS};
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
 use crate::num::{Ctl, Stopped};
@@ -18,19 +17,6 @@ use std::io;
 pub(in super::super) fn parameters(into: &mut Maker) {
     into.length(LEAF);
     into.number(u64::from(GAIN_BITS));
-}
-
-impl Plain for Part {
-    const BYTES: usize = 4;
-
-    fn put(self, into: &mut Vec<u8>) {
-        [self.re, self.im].put(into);
-    }
-
-    fn get(from: &[u8]) -> Self {
-        let [re, im] = Plain::get(from);
-        Self { re, im }
-    }
 }
 
 impl Plain for Row {
@@ -51,12 +37,8 @@ impl Plain for Row {
 impl Record for Cell {
     // Named member by member, so that a new one is not forgotten here.
     fn put(&self, into: &mut Vec<u8>) {
-        let Self { centre, directions, ranges, within, profile, reach, members, children, rough } = self;
-        put_all(centre, into);
-        put_all(directions, into);
-        ranges.put(into);
-        within.put(into);
-        put_all(profile, into);
+        let Self { numbers, reach, members, children, rough } = self;
+        put_all(numbers, into);
         reach.put(into);
         [members.start, members.end].put(into);
         put_all(children, into);
@@ -65,11 +47,7 @@ impl Record for Cell {
 
     fn get(from: &mut Slice<'_>) -> io::Result<Self> {
         Ok(Self {
-            centre: from.all()?,
-            directions: from.all()?,
-            ranges: from.plain()?,
-            within: from.plain()?,
-            profile: from.all()?,
+            numbers: from.all()?,
             reach: from.plain()?,
             members: {
                 let [start, end] = from.plain()?;
@@ -127,10 +105,8 @@ impl Cells {
             (row as usize) < rows.len() && (gain as usize) < gains.len()
         };
         let node = |(at, cell): (usize, &Cell)| {
-            let Cell { centre, directions, profile, members: own, children, .. } = cell;
-            centre.len() == lines
-                && profile.len() == lines
-                && directions.len() == ALL * lines
+            let Cell { numbers, members: own, children, .. } = cell;
+            numbers.len() == Cell::words(lines)
                 && own.start < own.end
                 && own.end as usize <= members.len()
                 && children.len() <= PARTS

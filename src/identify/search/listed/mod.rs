@@ -6,6 +6,7 @@ mod cell;
 mod cells;
 mod denominators;
 mod deviations;
+mod extent;
 mod frame;
 mod grower;
 mod kept;
@@ -15,10 +16,12 @@ mod principal;
 #[cfg(test)]
 mod proofs;
 mod real;
+mod sample;
 mod single;
 mod singles;
 mod verdict;
 mod walk;
+mod wide;
 
 use super::decide::{Harvest, Teller, decide};
 use super::{NEAR, Optimum, Search};
