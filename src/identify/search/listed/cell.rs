@@ -7,7 +7,7 @@ use super::{ALL, DIRECTIONS, FAINT};
 use num_complex::Complex64;
 
 /// Leaves above this size are looked at member by member.
-const ROUGH: f64 = 0.03;
+const ROUGH: f64 = 0.12;
 
 /// Parts into which a range is divided for [`Cell::range_within`].
 const STEPS: f64 = u8::MAX as f64;
