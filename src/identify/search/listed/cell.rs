@@ -7,7 +7,7 @@ use super::{ALL, DIRECTIONS, FAINT};
 use num_complex::Complex64;
 
 /// Leaves above this size are looked at member by member.
-const ROUGH: f64 = 0.12;
+const ROUGH: f64 = 0.06;
 
 /// Parts into which a range is divided for [`Cell::range_within`].
 const STEPS: f64 = u8::MAX as f64;
@@ -60,10 +60,12 @@ fn above(x: f64) -> f32 {
 }
 
 /// Half a word, by its position.
+#[inline(always)]
 fn half(word: u32, at: usize) -> u16 {
     (word >> (16 * (at % 2))) as u16
 }
 
+#[inline(always)]
 fn number(word: u32) -> f64 {
     f64::from(f32::from_bits(word))
 }
@@ -98,39 +100,51 @@ impl Cell {
         Self { numbers: numbers.into(), reach, members, children: Box::default(), rough: extent.size() > ROUGH }
     }
 
+    #[inline(always)]
     fn line(&self, line: usize) -> &[u32] {
         &self.numbers[LINES + PER_LINE * line..LINES + PER_LINE * (line + 1)]
     }
 
+    #[inline(always)]
     pub(super) fn centre(&self, line: usize) -> Complex64 {
         let line = self.line(line);
         Complex64::new(number(line[CENTRE]), number(line[CENTRE + 1]))
     }
 
-    pub(super) fn direction(&self, m: usize, line: usize) -> Complex64 {
+    /// Real and imaginary parts of all directions at a line.
+    #[inline(always)]
+    pub(super) fn directions(&self, line: usize) -> [[f64; ALL]; 2] {
         let line = self.line(line);
-        match m.checked_sub(DIRECTIONS) {
-            None => Part::from_bits(line[LEADING + m]).value(),
-            Some(j) => {
-                let faint = Faint::from_unit(half(self.numbers[UNITS + j / 2], j));
-                faint.value(half(line[TRAILING + j / 2], j))
-            }
+        let (mut re, mut im) = ([0.0; ALL], [0.0; ALL]);
+        for m in 0..DIRECTIONS {
+            let value = Part::from_bits(line[LEADING + m]).value();
+            (re[m], im[m]) = (value.re, value.im);
         }
+        for j in 0..FAINT {
+            let faint = Faint::from_unit(half(self.numbers[UNITS + j / 2], j));
+            let value = faint.value(half(line[TRAILING + j / 2], j));
+            (re[DIRECTIONS + j], im[DIRECTIONS + j]) = (value.re, value.im);
+        }
+        [re, im]
     }
 
+    #[inline(always)]
     pub(super) fn profile(&self, line: usize) -> Profile {
         let line = self.line(line);
-        let [radius, remainder, scale] = [0, 1, 2].map(|i| number(line[PROFILE + i]));
-        Profile { radius, remainder, scale }
+        let of = |i: usize| number(line[PROFILE + i]);
+        Profile { radius: of(0), remainder: of(1), scale: of(2) }
     }
 
+    #[inline(always)]
     pub(super) fn range(&self, m: usize) -> [f64; 2] {
-        [0, 1].map(|end| number(self.numbers[RANGES + 2 * m + end]))
+        [number(self.numbers[RANGES + 2 * m]), number(self.numbers[RANGES + 2 * m + 1])]
     }
 
     /// Range of the members' coordinates in the frame of the cluster that this one is a part of.
+    #[inline(always)]
     pub(super) fn range_within(&self, whole: &Self, m: usize) -> [f64; 2] {
-        half(self.numbers[WITHIN + m / 2], m).to_le_bytes().map(|share| whole.at(m, share))
+        let [low, high] = half(self.numbers[WITHIN + m / 2], m).to_le_bytes();
+        [whole.at(m, low), whole.at(m, high)]
     }
 
     /// Keeps these ranges of coordinates in the frame of `whole`, rounded outwards.
@@ -154,6 +168,7 @@ impl Cell {
         }
     }
 
+    #[inline(always)]
     fn at(&self, m: usize, share: u8) -> f64 {
         let [low, high] = self.range(m);
         match share {

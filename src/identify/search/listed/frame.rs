@@ -175,11 +175,13 @@ impl<N: Real> Frame<N> {
     pub(super) fn fill_parts<'c>(&mut self, cell: &Cell, parts: impl Iterator<Item = &'c Cell>) {
         self.parts = 0;
         for child in parts {
-            let range = |m: usize| Range::new(child.range_within(cell, m));
-            self.leading[self.parts] = std::array::from_fn(range);
+            let part = self.parts;
+            for (m, into) in self.leading[part].iter_mut().enumerate() {
+                *into = Range::new(child.range_within(cell, m));
+            }
             for (m, into) in self.faint.iter_mut().enumerate() {
-                let Range { middle, half } = range(DIRECTIONS + m);
-                (into.middle[self.parts], into.half[self.parts]) = (middle, half);
+                let Range { middle, half } = Range::new(child.range_within(cell, DIRECTIONS + m));
+                (into.middle[part], into.half[part]) = (middle, half);
             }
             self.parts += 1;
         }
@@ -234,11 +236,7 @@ impl<N: Real> WithSimd for Fill<'_, N> {
             put(field::SG, sg);
             put(field::E, error);
             put(field::TURNED_B, sg.conj() * b);
-            let (mut v_re, mut v_im) = ([0.0; ALL], [0.0; ALL]);
-            for m in 0..ALL {
-                let v = cell.direction(m, k);
-                (v_re[m], v_im[m]) = (v.re, v.im);
-            }
+            let [v_re, v_im] = cell.directions(k);
             let (mut re, mut im) = ([0.0; ALL], [0.0; ALL]);
             for m in 0..ALL {
                 re[m] = error.re * v_re[m] - error.im * v_im[m];

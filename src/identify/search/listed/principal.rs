@@ -34,6 +34,7 @@ impl Part {
         Self { re: round(value.re), im: round(value.im) }
     }
 
+    #[inline(always)]
     pub(super) fn value(self) -> Complex64 {
         Complex64::new(f64::from(self.re) / FINEST, f64::from(self.im) / FINEST)
     }
@@ -42,6 +43,7 @@ impl Part {
         u32::from(self.re as u16) | u32::from(self.im as u16) << 16
     }
 
+    #[inline(always)]
     pub(super) fn from_bits(bits: u32) -> Self {
         Self { re: bits as u16 as i16, im: (bits >> 16) as u16 as i16 }
     }
@@ -67,6 +69,7 @@ impl Faint {
         self.0
     }
 
+    #[inline(always)]
     pub(super) fn from_unit(unit: u16) -> Self {
         Self(unit)
     }
@@ -77,9 +80,11 @@ impl Faint {
         u16::from_le_bytes([value.re, value.im].map(|x| round(x) as u8))
     }
 
+    #[inline(always)]
     pub(super) fn value(self, bits: u16) -> Complex64 {
-        let [re, im] = bits.to_le_bytes().map(|x| f64::from(x as i8) * (f64::from(self.0) / FINEST_UNIT));
-        Complex64::new(re, im)
+        let unit = f64::from(self.0) / FINEST_UNIT;
+        let [re, im] = bits.to_le_bytes();
+        Complex64::new(f64::from(re as i8) * unit, f64::from(im as i8) * unit)
     }
 }
 

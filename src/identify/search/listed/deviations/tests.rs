@@ -129,8 +129,10 @@ fn check(pool: &Pool, members: &[u32], lines: usize, is_scalar: bool) -> f64 {
                 if m == DIRECTIONS {
                     assert!(rest.norm() <= profile.remainder, "{k}: {} {}", rest.norm(), profile.remainder);
                 }
-                assert_eq!(cell.direction(m, k), split.directions[m * lines + k]);
-                rest -= f64::from(along.0[m]) * cell.direction(m, k);
+                let [re, im] = cell.directions(k);
+                let direction = Complex64::new(re[m], im[m]);
+                assert_eq!(direction, split.directions[m * lines + k]);
+                rest -= f64::from(along.0[m]) * direction;
             }
             square += (rest.norm() / profile.scale).powi(2);
         }
