@@ -170,12 +170,17 @@ impl WithSimd for Scan<'_> {
                 let (mut least, mut most) = (infinity, zero);
                 for gain in listed.get(first..last).unwrap_or(&[]) {
                     let g = mul(splat(*gain), unit);
-                    let terms = step.map(|s| mul(g, s));
-                    let mut c: [S::f64s; LENGTH] = std::array::from_fn(|i| add(bases[i], terms[i]));
+                    // Loops: what `map` and `from_fn` call is not inlined where the instructions are known.
+                    let (mut c, mut limit) = ([zero; LENGTH], [zero; LENGTH]);
+                    for i in 0..LENGTH {
+                        let term = simd.mul_f64s(g, step[i]);
+                        c[i] = simd.add_f64s(bases[i], term);
+                        limit[i] = simd.mul_f64s(positive, simd.add_f64s(moduli[i], simd.abs_f64s(term)));
+                    }
                     let sign = simd.select_f64s(simd.less_than_f64s(c[0], zero), sign_bit, zero);
-                    c = c.map(|x| simd.xor_f64s(x, sign));
-                    let limit: [S::f64s; LENGTH] =
-                        std::array::from_fn(|i| mul(positive, add(moduli[i], simd.abs_f64s(terms[i]))));
+                    for c in &mut c {
+                        *c = simd.xor_f64s(*c, sign);
+                    }
                     let d = sub(mul(c[1], c[2]), mul(c[0], c[3]));
                     let cubic = sub(sub(mul(c[3], d), mul(mul(c[1], c[1]), c[4])), mul(limit[3], d));
                     let mut stable = simd.and_m64s(usable, simd.greater_than_f64s(cubic, zero));
@@ -208,29 +213,40 @@ impl WithSimd for Scan<'_> {
     }
 }
 
+/// `q0 + x (q1 + x q2)`.
+#[inline(always)]
+fn value<S: Simd>(simd: S, q: [S::f64s; 3], x: S::f64s) -> S::f64s {
+    simd.add_f64s(q[0], simd.mul_f64s(x, simd.add_f64s(q[1], simd.mul_f64s(x, q[2]))))
+}
+
+#[inline(always)]
+fn ratio<S: Simd>(simd: S, n: [S::f64s; 3], d: [S::f64s; 3], x: S::f64s) -> S::f64s {
+    simd.div_f64s(value(simd, n, x), value(simd, d, x))
+}
+
+/// The larger one; of a number and no number, the number.
+#[inline(always)]
+fn larger<S: Simd>(simd: S, a: S::f64s, b: S::f64s) -> S::f64s {
+    let is_number = simd.equal_f64s(b, b);
+    let keep = simd.or_m64s(simd.greater_than_f64s(a, b), simd.not_m64s(is_number));
+    simd.select_f64s(keep, a, b)
+}
+
 /// [`super::peak::largest_ratio`], the same operations in the same order.
 #[inline(always)]
 fn largest_ratio<S: Simd>(simd: S, n: [S::f64s; 3], d: [S::f64s; 3], [low, high]: [S::f64s; 2]) -> S::f64s {
-    let (mul, add, sub) = (|a, b| simd.mul_f64s(a, b), |a, b| simd.add_f64s(a, b), |a, b| simd.sub_f64s(a, b));
-    let value = |q: [S::f64s; 3], x| add(q[0], mul(x, add(q[1], mul(x, q[2]))));
-    let ratio = |x| simd.div_f64s(value(n, x), value(d, x));
-    // The larger one; of a number and no number, the number.
-    let larger = |a: S::f64s, b: S::f64s| {
-        let is_number = simd.equal_f64s(b, b);
-        let keep = simd.or_m64s(simd.greater_than_f64s(a, b), simd.not_m64s(is_number));
-        simd.select_f64s(keep, a, b)
-    };
+    let (mul, sub) = (|a, b| simd.mul_f64s(a, b), |a, b| simd.sub_f64s(a, b));
     let a = sub(mul(n[2], d[1]), mul(n[1], d[2]));
     let half_b = sub(mul(n[2], d[0]), mul(n[0], d[2]));
     let c = sub(mul(n[1], d[0]), mul(n[0], d[1]));
-    let mut largest = larger(ratio(low), ratio(high));
+    let mut largest = larger(simd, ratio(simd, n, d, low), ratio(simd, n, d, high));
     let discriminant = sub(mul(half_b, half_b), mul(a, c));
     let signed = simd.or_f64s(simd.sqrt_f64s(discriminant), simd.and_f64s(half_b, simd.splat_f64s(-0.0)));
-    let q = simd.neg_f64s(add(half_b, signed));
+    let q = simd.neg_f64s(simd.add_f64s(half_b, signed));
     // Where the discriminant is negative these are no numbers, and inside of nothing.
     for x in [simd.div_f64s(q, a), simd.div_f64s(c, q)] {
         let inside = simd.and_m64s(simd.greater_than_f64s(x, low), simd.less_than_f64s(x, high));
-        largest = simd.select_f64s(inside, larger(largest, ratio(x)), largest);
+        largest = simd.select_f64s(inside, larger(simd, largest, ratio(simd, n, d, x)), largest);
     }
     largest
 }

@@ -22,6 +22,7 @@ mod singles;
 mod verdict;
 mod walk;
 mod wide;
+mod work;
 
 use super::decide::{Harvest, Teller, decide};
 use super::{NEAR, Optimum, Search};
@@ -32,7 +33,8 @@ pub use cells::{Cells, can_list};
 pub(super) use kept::parameters;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use walk::{Open, Own, Walk};
+use walk::{Own, Walk};
+use work::{Open, Pair, best};
 
 /// Leading directions of a cluster, to which y adapts.
 const DIRECTIONS: usize = 6;
@@ -106,8 +108,8 @@ impl Search for Listed<'_> {
         let everything = walk.everything();
         let (seen, more) = share(&walk, roots.len(), |at, own| walk.promising(roots[at], &everything, own))?;
         owns.extend(more);
-        let pairs = walk::best(seen.into_iter().flatten().collect(), BEAMS * walk::BEAM);
-        let beams: Vec<&[walk::Pair]> = pairs.chunks(walk::BEAM).collect();
+        let pairs = best(seen.into_iter().flatten().collect(), BEAMS * walk::BEAM);
+        let beams: Vec<&[Pair]> = pairs.chunks(walk::BEAM).collect();
         owns.extend(share(&walk, beams.len(), |at, own| walk.beam(beams[at].to_vec(), own))?.1);
         // With an incumbent.
         let (opened, more) = share(&walk, roots.len(), |at, own| walk.open(roots[at], &everything, false, own))?;

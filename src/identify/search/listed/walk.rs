@@ -11,6 +11,7 @@ use super::lines::Lines;
 use super::single;
 use super::singles::{LANES, Singles};
 use super::verdict::{Verdict, verdict};
+use super::work::{Item, Open, Pair, Work, best};
 use crate::identify::pool::Feedback;
 use crate::identify::problem::Problem;
 use crate::num::{Ctl, Stopped};
@@ -31,28 +32,6 @@ const LARGEST_SAMPLE: usize = 256;
 
 /// Single precision is not fine enough for relaxed problems that cost less, in units of the scale squared.
 const FINE: f64 = 1e-6;
-
-/// A block of denominators, and which of them may still have a good partner.
-pub(super) type Item = (u32, u64);
-
-/// A cluster and a block.
-pub(super) type Pair = (u32, u32);
-
-/// The cheapest of some pairs, in order.
-pub(super) fn best(mut seen: Vec<(f64, u32, u32)>, count: usize) -> Vec<Pair> {
-    seen.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
-    seen.truncate(count);
-    seen.into_iter().map(|(_, cell, block)| (cell, block)).collect()
-}
-
-/// A cluster with the denominators that may go with it.
-#[derive(Debug)]
-pub(super) struct Open {
-    pub cell: u32,
-    pub items: Vec<Item>,
-    /// What its members cost at least with these.
-    pub bound: f64,
-}
 
 /// What a walk did.
 #[derive(Debug, Clone, Copy, Default)]
@@ -480,39 +459,5 @@ impl<'a> Walk<'a> {
             own.found.retain(|found| super::super::decide::may_reach(found.bound, limit));
             own.room = (2 * own.found.len()).max(KEPT);
         }
-    }
-}
-
-impl Open {
-    fn add(&mut self, item: Item, bound: f64) {
-        self.items.push(item);
-        // `min` would ignore a NaN, which means that nothing is known.
-        self.bound = self.bound.min(if bound.is_nan() { f64::NEG_INFINITY } else { bound });
-    }
-}
-
-/// What is left to bound: single denominators apart from blocks, which the kernel handles differently.
-#[derive(Debug, Default)]
-struct Work {
-    blocks: Vec<Item>,
-    alone: Vec<Item>,
-}
-
-impl Work {
-    fn push(&mut self, cells: &Cells, item: Item) {
-        let alone = cells.feedforward.divisions[item.0 as usize].is_single();
-        if alone { self.alone.push(item) } else { self.blocks.push(item) }
-    }
-
-    fn pop(&mut self) -> Option<Item> {
-        self.alone.pop().or_else(|| self.blocks.pop())
-    }
-
-    /// Up to as many as there are lanes; blocks first, since single denominators come of them.
-    fn next(&mut self, batch: &mut Vec<Item>) -> bool {
-        let from = if self.blocks.is_empty() { &mut self.alone } else { &mut self.blocks };
-        batch.clear();
-        batch.extend(from.drain(from.len().saturating_sub(BLOCKS)..));
-        !batch.is_empty()
     }
 }

@@ -185,6 +185,7 @@ pub(super) struct Group {
 }
 
 /// What a lane is filled with: the centres, and for a cluster its deviations.
+#[derive(Clone, Copy)]
 pub(super) struct Cell<'a> {
     pub denominator: &'a [Complex64],
     pub numerator: &'a [Complex64],
@@ -210,50 +211,53 @@ impl Group {
     }
 
     /// Fills the lanes with up to eight cells of one kind, single controllers or clusters; the lanes left over repeat the last.
-    pub(super) fn fill<'c>(&mut self, lines: &Lines, cells: impl Iterator<Item = Cell<'c>>) {
-        let mut filled = 0;
-        for cell in cells {
-            self.extended = cell.clusters.is_some();
-            self.put(filled, &cell);
-            filled += 1;
+    pub(super) fn fill<'c>(&mut self, lines: &Lines, mut cells: impl Iterator<Item = Cell<'c>>) {
+        let Some(mut last) = cells.next() else { return };
+        let mut lanes = [last; LANES];
+        for lane in &mut lanes[1..] {
+            last = cells.next().unwrap_or(last);
+            *lane = last;
         }
-        for lane in filled..LANES {
-            for row in self.given.chunks_exact_mut(LANES) {
-                row[lane] = row[filled - 1];
-            }
-            self.gain[lane] = self.gain[filled - 1];
-            self.half[lane] = self.half[filled - 1];
-            for row in self.low.iter_mut().chain(&mut self.high) {
-                row[lane] = row[filled - 1];
+        self.gain = lanes.map(|cell| cell.gain);
+        self.half = lanes.map(|cell| cell.half);
+        for c in 0..2 {
+            for m in 0..DIRECTIONS {
+                self.low[c * DIRECTIONS + m] = lanes.map(|cell| cell.clusters.map_or(0.0, |n| n[c].low[m]));
+                self.high[c * DIRECTIONS + m] = lanes.map(|cell| cell.clusters.map_or(0.0, |n| n[c].high[m]));
             }
         }
+        self.extended = lanes[0].clusters.is_some();
+        self.put(&lanes);
         pulp::Arch::new().dispatch(Prepare { lines, group: self });
     }
 
-    fn put(&mut self, lane: usize, cell: &Cell<'_>) {
-        self.gain[lane] = cell.gain;
-        self.half[lane] = cell.half;
+    /// Line by line, so that what is written stays near: lane by lane it took more time than the bounds.
+    fn put(&mut self, lanes: &[Cell<'_>; LANES]) {
+        let count = self.lines;
+        let centres = lanes.map(|cell| [&cell.denominator[..count], &cell.numerator[..count]]);
         for (k, row) in self.given.chunks_exact_mut(given::COUNT * LANES).enumerate() {
-            row[given::P_RE * LANES + lane] = cell.denominator[k].re;
-            row[given::P_IM * LANES + lane] = cell.denominator[k].im;
-            row[given::Z_RE * LANES + lane] = cell.numerator[k].re;
-            row[given::Z_IM * LANES + lane] = cell.numerator[k].im;
-            let Some([p, z]) = cell.clusters else { continue };
-            row[given::RADIUS * LANES + lane] = p.radius[k] + z.radius[k] + cell.half;
-            row[given::REMAINDER * LANES + lane] = p.remainder[k] + z.remainder[k];
-            for (c, node) in [p, z].into_iter().enumerate() {
-                for m in 0..DIRECTIONS {
-                    let v = node.directions[m * self.lines + k];
-                    let field = given::DIRECTIONS + 2 * (c * DIRECTIONS + m);
-                    row[field * LANES + lane] = v.re;
-                    row[(field + 1) * LANES + lane] = v.im;
-                }
+            for (lane, [p, z]) in centres.iter().enumerate() {
+                row[given::P_RE * LANES + lane] = p[k].re;
+                row[given::P_IM * LANES + lane] = p[k].im;
+                row[given::Z_RE * LANES + lane] = z[k].re;
+                row[given::Z_IM * LANES + lane] = z[k].im;
             }
         }
-        for c in 0..2 {
-            for m in 0..DIRECTIONS {
-                self.low[c * DIRECTIONS + m][lane] = cell.clusters.map_or(0.0, |n| n[c].low[m]);
-                self.high[c * DIRECTIONS + m][lane] = cell.clusters.map_or(0.0, |n| n[c].high[m]);
+        let Some(first) = lanes[0].clusters else { return };
+        let nodes = lanes.map(|cell| cell.clusters.unwrap_or(first));
+        let sides = nodes.map(|nodes| nodes.map(|n| (&n.radius[..count], &n.remainder[..count], &n.directions[..])));
+        for (k, row) in self.given.chunks_exact_mut(given::COUNT * LANES).enumerate() {
+            for (lane, [p, z]) in sides.iter().enumerate() {
+                row[given::RADIUS * LANES + lane] = p.0[k] + z.0[k] + lanes[lane].half;
+                row[given::REMAINDER * LANES + lane] = p.1[k] + z.1[k];
+                for (c, (_, _, directions)) in [p, z].into_iter().enumerate() {
+                    for m in 0..DIRECTIONS {
+                        let v = directions[m * count + k];
+                        let field = given::DIRECTIONS + 2 * (c * DIRECTIONS + m);
+                        row[field * LANES + lane] = v.re;
+                        row[(field + 1) * LANES + lane] = v.im;
+                    }
+                }
             }
         }
     }
