@@ -21,7 +21,7 @@ pub(super) const LEAF: usize = 76;
 /// Bits of a member that hold the position of its gain.
 pub(super) const GAIN_BITS: u32 = 7;
 
-/// The most controllers that are listed (8 bytes each while they are sorted).
+/// The most controllers that are listed (4 bytes each).
 const LARGEST_LIST: u64 = 50_000_000;
 
 /// Controllers that share denominator and numerator.

@@ -36,6 +36,8 @@
 //! - A sum over the lines has at most 2C + 16 roundings in its terms and after each other, and 48 more follow on the way to the bound.
 //!   Nothing is lost but (4C + 80) u times the moduli that are summed: `‖y‖ (‖E − S‖ + Σ |t_m| ‖E v_m‖)` and
 //!   `‖y‖² ((1 + |κ|)² + Σ |t_m v_m|)`, each with `(1 + |δ|)²`.
+//!   A box is kept as its middle and half its width, rounded outwards: the products of a slope with both have the modulus that its
+//!   product with the furthest end has.
 //! - Where a square of the rest underflows, a line loses less than the smallest normal number of it, which is added. Everything else that
 //!   may underflow is far below the terms above, since the limit is not below a millionth of the size squared.
 //! - The member's own response has an error of its own, as derived in `single.rs`.
