@@ -56,15 +56,14 @@ pub(super) trait Real:
         then: Self::Vector<S>,
         otherwise: Self::Vector<S>,
     ) -> Self::Vector<S>;
-    /// The smallest of a vector without what is no number; the sum of one.
+    /// The smallest of a vector that holds numbers.
     fn smallest<S: Simd>(simd: S, a: Self::Vector<S>) -> Self;
-    fn sum<S: Simd>(simd: S, a: Self::Vector<S>) -> Self;
 }
 
 /// Functions and no closures: closures that capture the token are not inlined where the instructions are known.
 macro_rules! real {
     ($real:ident, $vector:ident, $roundoff:expr, $smallest:expr, $as:ident, $as_mut:ident, $splat:ident, $add:ident, $sub:ident, $mul:ident, $div:ident,
-     $mul_add:ident, $mul_sub:ident, $root:ident, $abs:ident, $min:ident, $max:ident, $greater:ident, $select:ident, $least:ident, $total:ident) => {
+     $mul_add:ident, $mul_sub:ident, $root:ident, $abs:ident, $min:ident, $max:ident, $greater:ident, $select:ident, $least:ident) => {
         impl Real for $real {
             type Vector<S: Simd> = S::$vector;
             const ROUNDOFF: f64 = $roundoff;
@@ -159,10 +158,6 @@ macro_rules! real {
             fn smallest<S: Simd>(simd: S, a: S::$vector) -> Self {
                 simd.$least(a)
             }
-            #[inline(always)]
-            fn sum<S: Simd>(simd: S, a: S::$vector) -> Self {
-                simd.$total(a)
-            }
         }
     };
 }
@@ -187,8 +182,7 @@ real!(
     max_f32s,
     greater_than_f32s,
     select_f32s,
-    reduce_min_f32s,
-    reduce_sum_f32s
+    reduce_min_f32s
 );
 real!(
     f64,
@@ -210,8 +204,7 @@ real!(
     max_f64s,
     greater_than_f64s,
     select_f64s,
-    reduce_min_f64s,
-    reduce_sum_f64s
+    reduce_min_f64s
 );
 
 /// A vector with the token of its instructions, for arithmetic that reads like arithmetic.
@@ -275,10 +268,6 @@ impl<S: Simd, N: Real> Packed<S, N> {
     #[inline(always)]
     pub(super) fn smallest(self) -> N {
         N::smallest(self.simd, self.x)
-    }
-    #[inline(always)]
-    pub(super) fn sum(self) -> N {
-        N::sum(self.simd, self.x)
     }
 }
 
