@@ -54,7 +54,7 @@ use std::collections::BTreeMap;
 pub use structures::{Likelihood, StructureComparison, StructureRow, StructureSpec};
 
 /// Version of [`SsidResult`].
-const RESULT_VERSION: u32 = 3;
+const RESULT_VERSION: u32 = 4;
 
 /// A checked request.
 #[derive(Debug, Clone, PartialEq)]
@@ -214,8 +214,11 @@ impl Plan {
             result.structures = Some(compared);
         }
         let mut report = Report::new(Kind::Ssid, RESULT_VERSION, json!(result), warnings, json!(written), hashes, None);
-        report.provenance.effort =
-            Some(Effort { pairs_bounded: found.optimum.bounded, candidates_evaluated: found.optimum.evaluated });
+        report.provenance.effort = Some(Effort {
+            pairs_bounded: found.optimum.bounded,
+            candidates_evaluated: found.optimum.evaluated,
+            candidates_decided_by_qr: found.optimum.decided_by_qr,
+        });
         Ok(report)
     }
 

@@ -27,8 +27,6 @@ pub struct Certificate {
     pub feedback_controllers: u64,
     /// Index of the best candidate, from 0: feedback controller times M_ff plus feedforward denominator.
     pub index: u64,
-    /// Candidates that rounding could not tell from the best one, and that QR decided.
-    pub decided_by_qr: u64,
     /// J once more, from the coefficients of the transfer functions as written here.
     pub cost_of_coefficients: f64,
 }
@@ -169,7 +167,6 @@ impl SsidResult {
                 feedforward_denominators: found.feedforward_denominators,
                 feedback_controllers: found.feedback_controllers,
                 index: found.optimum.index,
-                decided_by_qr: found.optimum.decided_by_qr,
                 cost_of_coefficients: found.cost_of_coefficients,
             },
             near_optimal: NearOptimal::new(found, (metrics.band_rad_s[0], metrics.band_rad_s[1])),

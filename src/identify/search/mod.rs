@@ -58,12 +58,12 @@ pub struct Optimum {
     /// How it was found.
     pub method: Method,
     /// How many candidates were evaluated one by one (by their own least-squares problem). With bounds this depends on which
-    /// thread found what first; the other members do not.
+    /// thread found what first, as do the next two members and no others.
     pub evaluated: u64,
     /// How many pairs of clusters were bounded from below; 0 for a search without bounds. What was not evaluated is proven
-    /// worse by these. Depends on the threads too.
+    /// worse by these.
     pub bounded: u64,
-    /// How many of these could not be told from the best one by the fast evaluation and were decided by QR.
+    /// How many of those evaluated could not be told from the best one by the fast evaluation and were decided by QR.
     pub decided_by_qr: u64,
     /// How many candidates, the best one included, cost at most `1 + NEAR` times as much as it.
     pub near_optimal: u64,
