@@ -15,6 +15,10 @@ const FINEST: f64 = 32_768.0;
 /// exact in single precision as well.
 const FINEST_UNIT: f64 = 4_194_304.0;
 
+/// Of smaller units the largest value could be a multiple by less than 127, and be given a smaller unit the next time. No largest part of a
+/// vector of length one asks for them, unless it has more than ten thousand parts.
+const LEAST_UNIT: f64 = 254.0;
+
 /// Of the mean rest, what a line's share is taken to be at least: the sample may have missed what others do there.
 const LEAST_SHARE: f64 = 0.01;
 
@@ -59,10 +63,11 @@ fn to_nearest(x: f64) -> f64 {
 pub(super) struct Faint(u16);
 
 impl Faint {
-    /// The least unit that will do. That of values in such units is the same one again, since the largest of them is a multiple by 127.
+    /// The least unit that will do, so that values in such units have the same one again, and are kept exactly: from [`LEAST_UNIT`]
+    /// on, the largest of them is a multiple by 127.
     pub(super) fn new(direction: &[Complex64]) -> Self {
         let largest = direction.iter().map(|d| d.re.abs().max(d.im.abs())).fold(0.0, f64::max);
-        Self((largest / f64::from(i8::MAX) * FINEST_UNIT).ceil() as u16)
+        Self((largest / f64::from(i8::MAX) * FINEST_UNIT).ceil().max(LEAST_UNIT) as u16)
     }
 
     pub(super) fn unit(self) -> u16 {
@@ -75,7 +80,6 @@ impl Faint {
     }
 
     pub(super) fn bits(self, value: Complex64) -> u16 {
-        // No number where the unit is zero, which is kept as zero.
         let round = |x: f64| to_nearest(x / (f64::from(self.0) / FINEST_UNIT)) as i8;
         u16::from_le_bytes([value.re, value.im].map(|x| round(x) as u8))
     }
@@ -443,6 +447,19 @@ mod tests {
             let norm = direction.iter().map(Complex64::norm_sqr).sum::<f64>().sqrt();
             assert!((norm - 1.0).abs() < 0.02, "{m} {norm}");
             assert!(direction.iter().all(|d| f64::from(d.re as f32) == d.re && f64::from(d.im as f32) == d.im));
+        }
+    }
+
+    /// Between 127 and 254 units the largest value once fell to a smaller unit: that takes vectors of more than ten thousand parts.
+    #[test]
+    fn faint_directions_are_kept_as_they_are_however_small_their_parts() {
+        for largest in (0..4000).map(|i| 1e-5 * f64::from(i)) {
+            let mut direction = [largest, -0.61 * largest, 0.0].map(|re| Complex64::new(re, 0.37 * re));
+            kept(DIRECTIONS, &mut direction);
+            let before = direction;
+            kept(DIRECTIONS, &mut direction);
+            assert_eq!(direction, before, "{largest}");
+            assert!((direction[0].re - largest).abs() <= 0.51 * largest.max(0.0077) / 127.0, "{largest} {before:?}");
         }
     }
 }
