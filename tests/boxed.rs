@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use volition::convex::boxed::{BoxedError, GAP, Outcome, Program, Solution};
 use volition::convex::conic::{self, Affine};
-use volition::num::{Ctl, StopReason, rng};
+use volition::ctl::{Ctl, StopReason};
+use volition::num::rng;
 
 fn solve(program: &Program) -> Solution {
     program.solve(GAP, &Ctl::new()).unwrap()

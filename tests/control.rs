@@ -7,10 +7,10 @@ use volition::control::conversion::ConversionError;
 use volition::control::discretise::DiscretiseError;
 use volition::control::simulate::SimulationError;
 use volition::control::simulate::{self, Hold};
-use volition::control::two_dof::LoopError;
 use volition::control::{
     Continuous, Discrete, Model, ModelError, StateSpace, TransferFunction, TwoDegreesOfFreedom, conversion, discretise,
 };
+use volition::person::two_degrees_of_freedom::LoopError;
 use volition::plants::catalogue::{self, Plant};
 
 fn tf(num: &[f64], den: &[f64]) -> TransferFunction<Continuous> {

@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector};
 use rand::{Rng, RngExt};
 use volition::convex::conic::{Affine, Outcome, Program};
 use volition::convex::lmi::{self, Block, LmiError, Problem, Status};
-use volition::num::{Ctl, StopReason, rng};
+use volition::ctl::{Ctl, StopReason};
+use volition::num::rng;
 
 fn symmetric(n: usize, stream: &mut impl Rng) -> DMatrix<f64> {
     let m = DMatrix::from_fn(n, n, |_, _| stream.random_range(-1.0..1.0));

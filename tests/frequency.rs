@@ -6,12 +6,12 @@ use rand::RngExt;
 use rand_distr::StandardNormal;
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
-use volition::identify::frequency::{
+use volition::ctl::{Ctl, StopReason};
+use volition::num::rng::{Stream, stream};
+use volition::response::{
     Average, Bounds, Channels, CountSegments, Detrend, EndSample, Estimate, FrequencyError, FrequencySettings,
     LengthSegments, Lines, Response, Segments, Stimulus, Window, direct_transform, estimate, estimate_between,
 };
-use volition::num::rng::{Stream, stream};
-use volition::num::{Ctl, StopReason};
 use volition::trial::csv::Options;
 use volition::trial::gzip::GzipReader;
 use volition::trial::{Signals, Trial, csv};

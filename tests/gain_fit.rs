@@ -7,14 +7,14 @@ use rand_distr::StandardNormal;
 use volition::control::lqg::{kalman, lqr};
 use volition::control::lyapunov::Clock;
 use volition::control::parametric::ParametricModel;
-use volition::control::person::{AffinePlant, Plant, StateFeedback, Term, Timing};
 use volition::control::{Continuous, Discrete};
-use volition::identify::gain_fit::uncertainty::Uncertainty;
-use volition::identify::gain_fit::{
+use volition::ctl::{Ctl, StopReason};
+use volition::likelihood::uncertainty::Uncertainty;
+use volition::likelihood::{
     Estimate, Experiment, ExperimentError, FitError, Innovation, LoopModel, Noise, Record, Settings, fit, residuals,
 };
 use volition::num::rng::{self, Stream};
-use volition::num::{Ctl, StopReason};
+use volition::person::state_feedback::{AffinePlant, Plant, StateFeedback, Term, Timing};
 use volition::plants::SeatedBalance;
 use volition::plants::seated_balance::{Parameter, Structure, Values};
 

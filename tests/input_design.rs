@@ -4,8 +4,9 @@
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use std::collections::BTreeSet;
+use volition::ctl::{Ctl, StopReason};
 use volition::excite::design::{Autocorrelation, Broken, ClimbError, Criterion, Limits, Settings, climb, step};
-use volition::num::{Ctl, StopReason, rng};
+use volition::num::rng;
 
 #[path = "support/chapter_five.rs"]
 mod chapter_five;

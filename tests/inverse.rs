@@ -6,12 +6,12 @@ use serde_json::Value;
 use std::sync::LazyLock;
 use volition::control::lqg::{kalman, lqr};
 use volition::control::lyapunov::Clock;
+use volition::ctl::Ctl;
 use volition::inverse::estimator::inverse_lqg;
 use volition::inverse::fit::{DescentSettings, FitSettings, Objective, descent, fit, smallest_cross_term};
 use volition::inverse::lqr::InverseError;
 use volition::inverse::reading::{axes, compare, normalised, shares_along, stationary_shares};
 use volition::inverse::{Gains, GainsError, QSign, Settings, Structure, Verdict, inverse_lqr};
-use volition::num::Ctl;
 
 #[path = "support/inverse_plants.rs"]
 mod inverse_plants;

@@ -6,9 +6,10 @@ use rand::RngExt;
 use serde_json::Value;
 use volition::control::lqg::lqr;
 use volition::control::lyapunov::Clock;
+use volition::ctl::Ctl;
 use volition::inverse::fit::{FitSettings, fit};
 use volition::inverse::{Gains, InverseLqr, QSign, Settings, Structure, StructureError, Verdict, inverse_lqr};
-use volition::num::{Ctl, rng};
+use volition::num::rng;
 
 fn mat(value: &Value) -> DMatrix<f64> {
     let rows: Vec<Vec<f64>> = serde_json::from_value(value.clone()).unwrap();

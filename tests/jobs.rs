@@ -3,8 +3,8 @@
 
 use proptest::prelude::*;
 use std::time::Duration;
+use volition::ctl::Progress;
 use volition::jobs::{Backoff, EtaEstimator, Event, Job, LeasePolicy, Status, run_eta_s};
-use volition::num::Progress;
 
 const DIED: Event = Event::WorkerDied { max_attempts: 3 };
 const EVENTS: [Event; 7] =

@@ -6,10 +6,11 @@ use std::io::Read;
 use volition::control::simulate::{self, Hold};
 use volition::control::{Continuous, Discrete, TransferFunction};
 use volition::num::stats;
-use volition::plants::commands::{self, Sine};
-use volition::plants::inverse::InverseError;
-use volition::plants::subject::{SubjectError, SubjectParameters};
-use volition::plants::{Plant, SimulatedStudy, SimulatedSubject};
+use volition::plants::Plant;
+use volition::simulate::inverse_dynamics::InverseError;
+use volition::simulate::reference_signals::{self, Sine};
+use volition::simulate::subject::{SubjectError, SubjectParameters};
+use volition::simulate::{SimulatedStudy, SimulatedSubject};
 use volition::trial::Trial;
 
 fn mean_abs_error(trial: &Trial) -> f64 {
@@ -44,18 +45,18 @@ fn the_plants_of_chapter_five_share_poles_and_static_gain() {
 
 #[test]
 fn the_chirps_have_their_ends_middles_and_symmetries() {
-    let chirp = commands::chirp80(0.002);
+    let chirp = reference_signals::chirp80(0.002);
     assert_eq!(chirp.len(), 40_001);
     assert_eq!(chirp[0], 0.0);
     // The second half is the first backwards, sign changed.
     assert!((0..=40_000).all(|i| (chirp[i] + chirp[40_000 - i]).abs() < 1e-10));
     // A quarter period after the start the sine is at the envelope, 2 − 0.035 t.
     let t = (-0.2 + (0.04_f64 + 0.03).sqrt()) / 0.03;
-    assert!((commands::chirp80_at(t) - (2.0 - 0.035 * t)).abs() < 1e-12);
+    assert!((reference_signals::chirp80_at(t) - (2.0 - 0.035 * t)).abs() < 1e-12);
 
-    let chirp = commands::chirp60(0.02);
+    let chirp = reference_signals::chirp60(0.02);
     assert_eq!(chirp.len(), 3_001);
-    assert!((commands::chirp60_at(60.0_f64.sqrt()) - 2.0).abs() < 1e-14, "phase π/2 at t² = 60");
+    assert!((reference_signals::chirp60_at(60.0_f64.sqrt()) - 2.0).abs() < 1e-14, "phase π/2 at t² = 60");
     assert!(chirp[3_000].abs() < 1e-12, "phase 30π at the end");
     assert!(largest(&chirp) <= 2.0);
 }
@@ -66,7 +67,7 @@ fn a_sum_of_sines_is_one() {
         Sine { amplitude: 2.0, omega_rad_s: 1.0, phase_rad: 0.5 },
         Sine { amplitude: -0.5, omega_rad_s: 3.0, phase_rad: 0.0 },
     ];
-    let samples = commands::sum_of_sines(&sines, 0.1, 1.0);
+    let samples = reference_signals::sum_of_sines(&sines, 0.1, 1.0);
     assert_eq!(samples.len(), 11);
     assert!((samples[10] - (2.0 * 1.5_f64.sin() - 0.5 * 3.0_f64.sin())).abs() < 1e-15);
 }
@@ -74,7 +75,7 @@ fn a_sum_of_sines_is_one() {
 #[test]
 fn a_seed_decides_a_trial_and_nothing_else_does() {
     let plant = Plant::MinimumPhase.transfer_function();
-    let command = commands::chirp60(0.02);
+    let command = reference_signals::chirp60(0.02);
     let subject = |seed| SimulatedSubject::new(&plant, 0.02, seed).unwrap();
     let first = subject(7).trial(3, &command, None).unwrap();
     let again = subject(7);
@@ -90,8 +91,9 @@ fn a_seed_decides_a_trial_and_nothing_else_does() {
 fn a_trial_is_complete_and_its_output_is_the_plants() {
     let plant = Plant::TwoMass.transfer_function();
     let subject = SimulatedSubject::new(&plant, 0.002, 5).unwrap();
-    let command = commands::chirp80(0.002);
-    let disturbance = commands::sum_of_sines(&[Sine { amplitude: 0.3, omega_rad_s: 5.0, phase_rad: 0.0 }], 0.002, 80.0);
+    let command = reference_signals::chirp80(0.002);
+    let disturbance =
+        reference_signals::sum_of_sines(&[Sine { amplitude: 0.3, omega_rad_s: 5.0, phase_rad: 0.0 }], 0.002, 80.0);
     let trial = subject.trial(10, &command, Some(&disturbance)).unwrap();
     assert_eq!((trial.samples(), trial.sample_time_s), (40_001, 0.002));
     let signals = &trial.signals;
@@ -108,7 +110,7 @@ fn a_trial_is_complete_and_its_output_is_the_plants() {
 
 #[test]
 fn practice_makes_the_error_smaller_on_every_plant() {
-    let command = commands::chirp60(0.02);
+    let command = reference_signals::chirp60(0.02);
     for plant in Plant::ALL {
         for seed in 0..20 {
             let subject = SimulatedSubject::new(&plant.transfer_function(), 0.02, seed).unwrap();
@@ -130,7 +132,7 @@ fn practice_makes_the_error_smaller_on_every_plant() {
 /// The feedback loop forgets: a burst of disturbance has died away, and the trial goes on as without it.
 #[test]
 fn the_feedback_loop_is_stable() {
-    let command = commands::chirp60(0.02);
+    let command = reference_signals::chirp60(0.02);
     let burst: Vec<f64> = (0..command.len()).map(|k| if (50..100).contains(&k) { 5.0 } else { 0.0 }).collect();
     for plant in Plant::ALL {
         for seed in 0..20 {
@@ -153,8 +155,11 @@ fn a_subject_does_what_its_frequency_responses_say() {
         parameters.remnant = 0.0;
         let subject = SimulatedSubject::with_parameters(&plant.transfer_function(), 0.02, 3, parameters).unwrap();
         let omega = std::f64::consts::PI * 0.3;
-        let command =
-            commands::sum_of_sines(&[Sine { amplitude: 1.0, omega_rad_s: omega, phase_rad: 0.0 }], 0.02, 120.0);
+        let command = reference_signals::sum_of_sines(
+            &[Sine { amplitude: 1.0, omega_rad_s: omega, phase_rad: 0.0 }],
+            0.02,
+            120.0,
+        );
         let trial = subject.trial(8, &command, None).unwrap();
         let g = subject.plant_response(omega);
         let (ff, fb) = (subject.feedforward_response(8, omega), subject.feedback_response(omega));
@@ -215,7 +220,7 @@ fn a_plant_with_negative_gain_is_held_with_negative_feedback() {
     let plant = TransferFunction::new(&[-2.0, -4.4], &[1.0, 3.6, 4.0], Continuous).unwrap();
     let subject = SimulatedSubject::new(&plant, 0.02, 4).unwrap();
     assert!(subject.feedback_gain() < 0.0);
-    let command = commands::chirp60(0.02);
+    let command = reference_signals::chirp60(0.02);
     let errors = [1, 40].map(|n| mean_abs_error(&subject.trial(n, &command, None).unwrap()));
     assert!(errors[1] < 0.5 * errors[0], "{errors:?}");
 }
@@ -257,10 +262,10 @@ fn shared_virtual_subjects_have_our_commands_and_plants() {
             continue;
         }
         let (plant, command) = match group.as_str() {
-            "msd2" => (Plant::TwoMass, commands::chirp80(0.002)),
-            "gm" => (Plant::MinimumPhase, commands::chirp60(0.02)),
-            "gn" => (Plant::NonminimumPhase, commands::chirp60(0.02)),
-            "gsn" => (Plant::SlowNonminimumPhase, commands::chirp60(0.02)),
+            "msd2" => (Plant::TwoMass, reference_signals::chirp80(0.002)),
+            "gm" => (Plant::MinimumPhase, reference_signals::chirp60(0.02)),
+            "gn" => (Plant::NonminimumPhase, reference_signals::chirp60(0.02)),
+            "gsn" => (Plant::SlowNonminimumPhase, reference_signals::chirp60(0.02)),
             other => panic!("group {other}"),
         };
         let g = plant.transfer_function();

@@ -5,10 +5,10 @@ use num_complex::Complex64;
 use serde_json::Value;
 use std::f64::consts::TAU;
 use volition::control::System;
+use volition::ctl::Ctl;
 use volition::identify::pool::{Degrees, PoolSpec};
 use volition::identify::problem::{Lines, Problem};
 use volition::identify::search::{Cells, Listed, Search};
-use volition::num::Ctl;
 use volition::plants::catalogue;
 
 #[test]

@@ -11,13 +11,14 @@ use num_complex::Complex64;
 use rand_distr::{Distribution, StandardNormal};
 use serde_json::json;
 use std::f64::consts::TAU;
-use volition::control::two_dof::TwoDegreesOfFreedom;
 use volition::control::{Discrete, System, TransferFunction};
-use volition::identify::frequency::{FrequencySettings, estimate};
+use volition::ctl::Ctl;
 use volition::identify::identifiability::Structure;
 use volition::identify::problem::{Lines, Problem};
 use volition::identify::refine::{Band, Noise, Refinement, Setup, Start};
-use volition::num::{Ctl, rng};
+use volition::num::rng;
+use volition::person::two_degrees_of_freedom::TwoDegreesOfFreedom;
+use volition::response::{FrequencySettings, estimate};
 use volition::trial::{Signals, Trial};
 
 const PERIOD: usize = 400;

@@ -6,12 +6,13 @@ use num_complex::Complex64;
 use rand::RngExt;
 use serde_json::json;
 use volition::control::{Continuous, Discrete, System, TransferFunction};
+use volition::ctl::Ctl;
 use volition::identify::delayed::{Pair, search_with_delays};
-use volition::identify::frequency::FrequencyData;
 use volition::identify::pool::{Candidate, Degrees, PoolSpec};
 use volition::identify::search::{Automatic, Exhaustive, Method, Shared};
 use volition::identify::ssid::{Settings, Weights};
-use volition::num::{Ctl, Polynomial, linalg, rng};
+use volition::num::{Polynomial, linalg, rng};
+use volition::response::FrequencyData;
 
 fn omega() -> Vec<f64> {
     (1..=14).map(|k| 0.45 * f64::from(k)).collect()

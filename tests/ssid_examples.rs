@@ -5,12 +5,12 @@ use num_complex::Complex64;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 use volition::control::{Continuous, Discrete, System, TransferFunction};
-use volition::identify::frequency::FrequencyData;
+use volition::ctl::Ctl;
 use volition::identify::pool::{Candidate, Degrees, PoolName, PoolSpec};
 use volition::identify::problem::{Lines, Problem};
 use volition::identify::search::{Exhaustive, exact};
 use volition::identify::ssid::{Identified, Settings, Weights, identify};
-use volition::num::Ctl;
+use volition::response::FrequencyData;
 
 fn golden() -> Value {
     serde_json::from_str(include_str!("golden/ssid_examples.json")).unwrap()

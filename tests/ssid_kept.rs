@@ -10,13 +10,14 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Barrier, Mutex};
 use std::time::{Duration, SystemTime};
+use volition::cache::{Reading, Writing};
 use volition::control::{Continuous, System, TransferFunction};
+use volition::ctl::{Ctl, StopReason};
 use volition::identify::pool::{Degrees, PoolSpec, Recipe};
 use volition::identify::problem::{Lines, Problem};
-use volition::identify::search::shelf::{Reading, Writing};
 use volition::identify::search::{Automatic, Key, Method, Optimum, Origins, Search, Shared, Shelf, Tally};
 use volition::identify::ssid::plant_for;
-use volition::num::{Complex64, Ctl, StopReason, rng};
+use volition::num::{Complex64, rng};
 use volition::worker::Folder;
 
 /// A shelf in memory, which remembers everything that it was ever given.

@@ -9,12 +9,13 @@ use std::f64::consts::PI;
 use volition::control::{
     Discrete, Multivariable, MultivariableModel, MultivariableSystem, PolynomialMatrix, RightFraction, StateSpace,
 };
+use volition::ctl::{Ctl, StopReason};
 use volition::identify::mimo::{
     AxisMatrix, FeedbackPool, Identified, MatrixFrequencyData, MimoError, Plant, Settings, identify,
 };
 use volition::identify::ssid::Weights;
+use volition::num::linalg;
 use volition::num::rng::{Stream, stream};
-use volition::num::{Ctl, StopReason, linalg};
 
 fn golden() -> Value {
     serde_json::from_str(include_str!("golden/ssid_mimo.json")).unwrap()

@@ -5,10 +5,11 @@ use num_complex::Complex64;
 use rand::RngExt;
 use serde_json::json;
 use volition::control::{Continuous, Discrete, System, TransferFunction, discretise};
+use volition::ctl::Ctl;
 use volition::identify::pool::recipe::Ingredients;
 use volition::identify::pool::roots::RootPair;
 use volition::identify::pool::{Degrees, Extremes, PoolName, PoolSpec, Recipe};
-use volition::num::{Ctl, Polynomial, rng};
+use volition::num::{Polynomial, rng};
 
 fn two_mass() -> System {
     System::Continuous(volition::plants::catalogue::two_mass())

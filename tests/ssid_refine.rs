@@ -5,10 +5,10 @@ use num_complex::Complex64;
 use serde_json::Value;
 use std::f64::consts::PI;
 use volition::control::System;
+use volition::ctl::Ctl;
 use volition::identify::identifiability::Structure;
 use volition::identify::problem::{Lines, Problem};
 use volition::identify::refine::{ActiveConstraint, Refinement, Setup, Start};
-use volition::num::Ctl;
 
 #[test]
 fn the_refined_costs_of_chapter_3_are_reached_or_passed() {

@@ -8,12 +8,13 @@ use proptest::strategy::ValueTree;
 use rand::RngExt;
 use serde_json::json;
 use volition::control::{Continuous, Discrete, System, TransferFunction};
+use volition::ctl::Ctl;
 use volition::identify::pool::{Degrees, Pool, PoolSpec};
 use volition::identify::problem::{Lines, Problem};
 use volition::identify::search::{
     BranchAndBound, Cells, Exhaustive, Listed, MOST_NEAR, Method, NEAR, Optimum, Prepared, Search,
 };
-use volition::num::{Ctl, Polynomial, linalg};
+use volition::num::{Polynomial, linalg};
 
 /// The exhaustive search's answer, which branch and bound must give as well.
 fn both(problem: &Problem, pool: &Pool) -> Optimum {

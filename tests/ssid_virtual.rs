@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::PathBuf;
 use volition::analysis::{Code, Failure, Library, Plan, Report, Request};
-use volition::num::Ctl;
+use volition::ctl::Ctl;
 use volition::trial::{csv, write};
 
 fn shared(folder: &str) -> Option<PathBuf> {

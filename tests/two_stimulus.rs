@@ -6,16 +6,17 @@ use rand::RngExt;
 use rand_distr::StandardNormal;
 use std::f64::consts::TAU;
 use volition::control::{Continuous, Discrete, System, TransferFunction};
-use volition::identify::frequency::stimuli::{StimulusLines, stimulus_lines};
-use volition::identify::frequency::{Detrend, FrequencySettings, LengthSegments, Segments};
-use volition::identify::two_stimulus::controllers::{Controllers, controllers};
-use volition::identify::two_stimulus::fit::{Channel, FitError, FitSettings, fit};
-use volition::identify::two_stimulus::responses::{LineResponse, NoiseSource, responses};
-use volition::identify::two_stimulus::simulate::{accounted_for, simulate};
-use volition::identify::two_stimulus::structure::{FeedbackLaw, FeedforwardLaw, Person, RationalLaw, Structure};
-use volition::num::{Ctl, rng};
-use volition::plants::subject::{SimulatedSubject, SubjectParameters};
+use volition::ctl::Ctl;
+use volition::num::rng;
+use volition::response::stimuli::{StimulusLines, stimulus_lines};
+use volition::response::{Detrend, FrequencySettings, LengthSegments, Segments};
+use volition::simulate::subject::{SimulatedSubject, SubjectParameters};
 use volition::trial::Trial;
+use volition::two_stimulus::controllers::{Controllers, controllers};
+use volition::two_stimulus::fit::{Channel, FitError, FitSettings, fit};
+use volition::two_stimulus::responses::{LineResponse, NoiseSource, responses};
+use volition::two_stimulus::simulate::{accounted_for, simulate};
+use volition::two_stimulus::structure::{FeedbackLaw, FeedforwardLaw, Person, RationalLaw, Structure};
 
 const EVEN: [u32; 6] = [2, 5, 11, 17, 23, 31];
 const ODD: [u32; 5] = [3, 7, 13, 19, 29];
@@ -47,7 +48,7 @@ fn quiet() -> SubjectParameters {
     SubjectParameters { remnant: 0.0, learning_scatter: 0.0, ..SubjectParameters::draw(3, false) }
 }
 
-fn settings(start_s: f64) -> volition::identify::frequency::CheckedSettings {
+fn settings(start_s: f64) -> volition::response::CheckedSettings {
     let segments = Some(Segments::Length(LengthSegments { length_s: 20.0, start_s }));
     FrequencySettings { segments, detrend: Detrend::Mean, ..FrequencySettings::default() }.check().unwrap()
 }
@@ -193,7 +194,7 @@ impl Virtual {
 
     /// Estimates from `trials` repetitions with both stimuli at every line, as a reader of trials would make them.
     fn lines(&self, trials: usize, noise: f64, seed: u64) -> StimulusLines {
-        use volition::identify::frequency::stimuli::SegmentLines;
+        use volition::response::stimuli::SegmentLines;
         let mut stream = rng::stream(seed, "line noise");
         let mut circular = |size: f64| {
             let (a, b): (f64, f64) = (stream.sample(StandardNormal), stream.sample(StandardNormal));
@@ -380,7 +381,7 @@ fn the_best_candidate_of_a_pool_is_that_of_brute_force() {
     use volition::identify::pool::{Degrees, PoolSpec};
     use volition::identify::problem::{Lines, Problem};
     use volition::identify::search::exact;
-    use volition::identify::two_stimulus::pool::{DisturbanceLine, PoolSearchError, search};
+    use volition::two_stimulus::pool::{DisturbanceLine, PoolSearchError, search};
     let spec: PoolSpec = serde_json::from_value(serde_json::json!({"grid": {
         "feedforward_denominator": [{"from": 1.0, "to": 9.0, "step": 0.5}],
         "feedback_numerator": [{"from": -2.0, "to": 8.0, "step": 0.4}],

@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
 use volition::analysis::ids::{AnalysisId, TrialId};
 use volition::analysis::{Code, Failure, Incumbent, Kind, Library, Problem, References, Report, Request};
+use volition::ctl::{Bracket, Ctl, Progress, StopReason, Stopped};
 use volition::jobs::Status;
-use volition::num::{Bracket, Ctl, Progress, StopReason, Stopped};
 use volition::store::{AnalysisRecord, NewAnalysis, Store, StoreError};
 use volition::worker::{Drained, Execute, Work, Worker, WorkerSettings};
 

@@ -3,7 +3,7 @@
 use super::problem::{Code, Problem};
 use super::reading;
 use super::trial_input::ResolvedTrial;
-use crate::identify::frequency::{CheckedSettings, FrequencyError, FrequencySettings, SettingsError, Stimulus};
+use crate::response::{CheckedSettings, FrequencyError, FrequencySettings, SettingsError, Stimulus};
 use serde_json::{Map, Value};
 
 /// Reads and checks settings; `pointer` is where they are in the request (`/spec`).

@@ -5,7 +5,7 @@
 //!  "spec": {"lines": "excited", "segments": [{"start_s": 5, "end_s": 25}, {"start_s": 25, "end_s": 45}]}}
 //! ```
 //! Inputs are those of [`trial_input`](super::trial_input); a plant is not needed. The formulas are those of
-//! [`identify::frequency`](crate::identify::frequency).
+//! [`identify::frequency`](crate::response).
 
 use super::frequency_problem;
 use super::inputs::{Library, References};
@@ -14,11 +14,11 @@ use super::plan::Failure;
 use super::problem::{Code, Problem};
 use super::report::{Report, Warning};
 use super::trial_input::{PlantNeed, ResolvedTrial, TrialInputs, inputs_sha256};
-use crate::identify::frequency::{
+use crate::ctl::Ctl;
+use crate::response::{
     Channels, CheckedSettings, Estimate, EstimateWarning, FrequencyError, FrequencySettings, Response, Stimulus,
     VarianceSource, estimate_between,
 };
-use crate::num::Ctl;
 use crate::trial::Trial;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -238,7 +238,7 @@ fn channel<T: for<'de> Deserialize<'de> + Default>(value: Option<Value>, locatio
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::num::StopReason;
+    use crate::ctl::StopReason;
 
     fn request(spec: Value) -> Request {
         // Period 8 samples; y is r delayed by one sample, so the response is e^{−jωT}.

@@ -8,7 +8,7 @@ use super::{
     excitation, frequency_response, gain_fit, input_design, inverse, robust_input_design, ssid, ssid_mimo, two_stimulus,
 };
 use crate::control::Model;
-use crate::num::{Ctl, Stopped};
+use crate::ctl::{Ctl, Stopped};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

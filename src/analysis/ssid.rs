@@ -30,15 +30,13 @@ use super::reading::Resolved;
 use super::report::{Effort, Report, Warning};
 use super::trial_input::{ResolvedTrial, inputs_sha256};
 use crate::control::{System, TransferFunction};
-use crate::identify::frequency::{
-    Channels, Estimate, FrequencyError, Repeats, VarianceSource, estimate_between, repeats,
-};
+use crate::ctl::Ctl;
 use crate::identify::refine::Refined;
 use crate::identify::search::Automatic;
 use crate::identify::ssid::{Identified, Settings, SsidError, Weights, identify};
 use crate::identify::validation::simulated_vaf;
 use crate::learning::frequency_domain::{ControllerMetrics, controller_metrics};
-use crate::num::Ctl;
+use crate::response::{Channels, Estimate, FrequencyError, Repeats, VarianceSource, estimate_between, repeats};
 use crate::trial::Trial;
 pub use delay_spec::{DelayRange, DelaySpec, DelayValueSpec};
 pub use delayed::{DelayedPoint, DelayedPool};
@@ -67,7 +65,7 @@ pub struct Plan {
 /// What the inputs give the identification.
 struct Material {
     plant: System,
-    data: crate::identify::frequency::FrequencyData,
+    data: crate::response::FrequencyData,
     trials: Vec<ResolvedTrial>,
     /// Trials that are only simulated.
     held_out: Vec<ResolvedTrial>,

@@ -8,7 +8,7 @@
 //!                                                            "h_yd": [[0.4, 0.1], [0.3, -0.1]]}}}
 //! ```
 //! Trials carry r, u, y and, some of them at least, a disturbance d at the plant's input. The method is that of
-//! [`identify::two_stimulus`](crate::identify::two_stimulus).
+//! [`identify::two_stimulus`](crate::two_stimulus).
 
 mod findings;
 mod inputs;
@@ -28,15 +28,15 @@ use super::report::{Report, Warning, sha256_json};
 use super::ssid::problems;
 use super::trial_input::{ResolvedTrial, inputs_sha256};
 use crate::control::System;
-use crate::identify::frequency::stimuli::{StimulusLines, stimulus_lines};
-use crate::identify::frequency::{FrequencyError, Stimulus};
-use crate::identify::two_stimulus::controllers::{Controllers, controllers};
-use crate::identify::two_stimulus::fit::{FitError, FitSettings, Fitted, fit};
-use crate::identify::two_stimulus::responses::{LineResponse, responses};
-use crate::identify::two_stimulus::simulate::{BEYOND_LINES, accounted_for, simulate};
-use crate::identify::two_stimulus::structure::{FeedforwardLaw, Person, Structure};
-use crate::num::Ctl;
+use crate::ctl::Ctl;
+use crate::response::stimuli::{StimulusLines, stimulus_lines};
+use crate::response::{FrequencyError, Stimulus};
 use crate::trial::Trial;
+use crate::two_stimulus::controllers::{Controllers, controllers};
+use crate::two_stimulus::fit::{FitError, FitSettings, Fitted, fit};
+use crate::two_stimulus::responses::{LineResponse, responses};
+use crate::two_stimulus::simulate::{BEYOND_LINES, accounted_for, simulate};
+use crate::two_stimulus::structure::{FeedforwardLaw, Person, Structure};
 pub use inputs::{StimulusResponsesInput, TwoStimulusInputs};
 use num_complex::Complex64;
 pub use pool::PoolResult;

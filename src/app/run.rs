@@ -2,7 +2,7 @@
 
 use crate::analysis::{Code, Failure, Library, Plan, Problem, Request, excitation};
 use crate::config::CacheArgs;
-use crate::num::{Bracket, Ctl, StopReason};
+use crate::ctl::{Bracket, Ctl, StopReason};
 use crate::worker::compute;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fs::File;

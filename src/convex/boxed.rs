@@ -12,7 +12,7 @@
 //! `cᵀx ≤ Σ_j max(r_j l_j, r_j u_j) + Σ_i max(y_i a_i, y_i b_i)` with `r = c − Aᵀy`. [`Solution::bound`] is this number, computed from the
 //! multipliers as they stand: it holds whatever the solver did.
 
-use crate::num::{Ctl, Stopped};
+use crate::ctl::{Ctl, Stopped};
 use nalgebra::{DMatrix, DVector};
 
 /// The relative gap between objective and bound that is asked for where nothing else is said.

@@ -4,7 +4,7 @@
 //! A solve is not interrupted: a [`Ctl`] is looked at before and after.
 
 use super::svec;
-use crate::num::{Ctl, Stopped};
+use crate::ctl::{Ctl, Stopped};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 use nalgebra::{DMatrix, DVector};

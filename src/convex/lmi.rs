@@ -9,7 +9,7 @@
 //! exactly what z says. With N unknowns and blocks of size d one step costs `N Σ d³ + N² Σ d²/2` operations.
 
 use super::svec;
-use crate::num::{Ctl, Stopped};
+use crate::ctl::{Ctl, Stopped};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// The relative duality gap that is asked for where nothing else is said.

@@ -8,13 +8,13 @@
 
 use crate::control::discretise::{self, DiscretiseError};
 use crate::control::simulate::{self, SimulationError};
-use crate::control::two_dof::LoopError;
 use crate::control::{
     Continuous, Discrete, StateSpace, System, TimeBase as _, TransferFunction, TwoDegreesOfFreedom, conversion,
     stability,
 };
 use crate::num::linalg::NoConvergence;
 use crate::num::{Complex64, Polynomial};
+use crate::person::two_degrees_of_freedom::LoopError;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

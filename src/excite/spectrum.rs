@@ -1,7 +1,8 @@
 //! Power on the lines of a periodic signal, and the noise beside it.
 
+use crate::ctl::{Ctl, Stopped};
+use crate::num::Complex64;
 use crate::num::fourier;
-use crate::num::{Complex64, Ctl, Stopped};
 
 /// A line counts as excited by chance with this probability at most, over all lines together.
 const FALSE_ALARM: f64 = 0.01;

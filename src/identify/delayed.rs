@@ -13,7 +13,6 @@
 //!   gone through in order of their cost, and the first that is stable is the optimum. If none of them is, only a lower bound is known,
 //!   and that is what is said. Candidates that are stable with the delay but not without are no members of the pool.
 
-use super::frequency::FrequencyData;
 use super::pool::{Pool, Recipe};
 use super::problem::{Lines, Problem};
 use super::search::{MOST_NEAR, NEAR, Optimum, Search};
@@ -21,7 +20,8 @@ use super::ssid::{Settings, SsidError, check_size, controllers, plant_for, weigh
 use super::time::{Time, multiply};
 use crate::control::delay::is_stable_continuous;
 use crate::control::{System, TransferFunction};
-use crate::num::Ctl;
+use crate::ctl::Ctl;
+use crate::response::FrequencyData;
 use num_complex::Complex64;
 
 /// A pair of delays in seconds.

@@ -1,11 +1,9 @@
 //! Subsystem identification: the feedforward and feedback controllers behind a closed-loop frequency response
-//! (Zhang 2015, algorithms 2.1, 3.1 and 5.1), and the frequency responses that it starts from.
+//! (Zhang 2015, algorithms 2.1, 3.1 and 5.1).
 
 pub mod basis;
 pub mod delayed;
 pub mod family;
-pub mod frequency;
-pub mod gain_fit;
 pub mod identifiability;
 pub mod mimo;
 pub mod pool;
@@ -14,5 +12,4 @@ pub mod refine;
 pub mod search;
 pub mod ssid;
 pub mod time;
-pub mod two_stimulus;
 pub mod validation;

@@ -6,7 +6,6 @@
 
 use super::basis::TooFewLines;
 use super::family::{Member, family};
-use super::frequency::FrequencyData;
 use super::identifiability::{self, Identifiability};
 use super::pool::{Pool, PoolError, Position, Recipe};
 use super::problem::{Dropped, Line, Lines, Problem, Unusable};
@@ -14,10 +13,11 @@ use super::search::{NEAR, Optimum, Search, exact};
 use super::time::Time;
 use crate::control::discretise::{DiscretiseError, zero_order_hold};
 use crate::control::time_base::BadSampleTime;
-use crate::control::two_dof::TwoDegreesOfFreedom;
 use crate::control::{Continuous, Discrete, System, TimeBase, TransferFunction};
+use crate::ctl::{Bracket, Ctl, Stopped};
 use crate::num::linalg::NoConvergence;
-use crate::num::{Bracket, Ctl, Stopped};
+use crate::person::two_degrees_of_freedom::TwoDegreesOfFreedom;
+use crate::response::FrequencyData;
 use num_complex::Complex64;
 
 /// How lines are weighted.

@@ -1,8 +1,8 @@
 //! How well an identified loop predicts a trial, by simulation from the command alone.
 
 use crate::control::simulate::SimulationError;
-use crate::control::two_dof::{LoopResponse, TwoDegreesOfFreedom};
 use crate::control::{Continuous, Discrete, System, TransferFunction};
+use crate::person::two_degrees_of_freedom::{LoopResponse, TwoDegreesOfFreedom};
 use crate::trial::Trial;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

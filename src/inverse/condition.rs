@@ -3,7 +3,7 @@
 use super::space::Space;
 use super::structure::QSign;
 use crate::convex::lmi::{self, Block, LmiError, Problem};
-use crate::num::Ctl;
+use crate::ctl::Ctl;
 use crate::num::linalg::{self, NoConvergence};
 use nalgebra::{DMatrix, DVector};
 

@@ -3,7 +3,7 @@
 use super::gains::{Gains, GainsError, Role};
 use super::lqr::{InverseError, InverseLqr, Settings, inverse_lqr};
 use crate::control::lyapunov::Clock;
-use crate::num::Ctl;
+use crate::ctl::Ctl;
 use nalgebra::DMatrix;
 
 /// The answers for the regulator and for the filter of one controller, which do not depend on each other.

@@ -2,7 +2,7 @@
 
 use super::space::Space;
 use crate::convex::lmi::{self, Block, LmiError, Problem, Solution, Status};
-use crate::num::Ctl;
+use crate::ctl::Ctl;
 use nalgebra::{DMatrix, DVector};
 
 /// Margins of smaller magnitude decide nothing.

@@ -1,6 +1,6 @@
 //! How long a running job, or a whole run of like ones, will still take.
 
-use crate::num::Progress;
+use crate::ctl::Progress;
 
 /// Estimates the time left from the mean rate since the present count began.
 ///

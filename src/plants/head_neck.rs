@@ -9,8 +9,8 @@
 //! derivative, without which a PID law is no transfer function: the lag `T_m` and the filter `T_f` are declared here, and are parameters.
 
 use crate::control::Continuous;
+use crate::control::pade::pade;
 use crate::control::parametric::{Matrices, ParametricModel};
-use crate::control::person::pade;
 use crate::num::dual::Real;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -1,15 +1,9 @@
-//! Known plants, the commands that subjects follow, and simulated subjects.
+//! Known plants: the catalogue, and models with named parameters.
 
 pub mod catalogue;
-pub mod commands;
 pub mod head_neck;
-pub mod inverse;
 pub mod seated_balance;
-pub mod study;
-pub mod subject;
 
 pub use catalogue::{ParametricPlant, Plant};
 pub use head_neck::HeadNeck;
 pub use seated_balance::SeatedBalance;
-pub use study::SimulatedStudy;
-pub use subject::SimulatedSubject;

@@ -8,8 +8,8 @@ use super::records::{
 };
 use super::rows::{get, json_opt, json_verified, parsed, parsed_opt, sha256, time, time_opt, to_json, unsigned};
 use crate::analysis::ids::{AnalysisId, StudyId};
+use crate::ctl::{Bracket, Progress};
 use crate::jobs::{Event, Job, Status};
-use crate::num::{Bracket, Progress};
 use sqlx::SqliteConnection;
 use sqlx::sqlite::SqliteRow;
 use uuid::Uuid;

@@ -3,8 +3,8 @@
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Incumbent, Kind, Problem, Report, Request};
 use crate::control::Model;
+use crate::ctl::{Bracket, Ctl, Progress};
 use crate::jobs::Status;
-use crate::num::{Bracket, Ctl, Progress};
 use crate::trial::Trial;
 use time::OffsetDateTime;
 

@@ -2,7 +2,7 @@
 
 use super::execute::Work;
 use crate::analysis::{Code, Failure, Library, Problem, Report};
-use crate::num::Ctl;
+use crate::ctl::Ctl;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};

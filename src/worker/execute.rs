@@ -1,7 +1,7 @@
 //! What a worker runs. The seam at which tests put jobs of their own.
 
 use crate::analysis::{Failure, Library, Plan, Problem, References, Report, Request, Shared};
-use crate::num::Ctl;
+use crate::ctl::Ctl;
 use std::sync::Arc;
 
 /// Turns requests into work.

@@ -3,8 +3,8 @@
 use super::execute::Execute;
 use super::settings::WorkerSettings;
 use super::task::{Attendant, Ended};
+use crate::ctl::{Ctl, StopReason};
 use crate::jobs::{BadPolicy, LeasePolicy};
-use crate::num::{Ctl, StopReason};
 use crate::store::Store;
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 use crate::harness::{TestServer, recording};
 use serde_json::{Value, json};
+use volition::ctl::Progress;
 use volition::jobs::Status;
-use volition::num::Progress;
 
 fn request(trial: &str) -> Value {
     json!({"kind": "frequency_response", "inputs": {"trial": trial}})

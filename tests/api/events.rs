@@ -2,7 +2,7 @@ use crate::harness::TestServer;
 use futures::StreamExt;
 use serde_json::{Value, json};
 use std::time::Duration;
-use volition::num::Progress;
+use volition::ctl::Progress;
 
 /// Reads events until the stream ends or `enough` says so.
 async fn events(

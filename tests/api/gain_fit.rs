@@ -8,9 +8,9 @@ use serde_json::{Value, json};
 use volition::control::lqg::lqr;
 use volition::control::lyapunov::Clock;
 use volition::control::parametric::Realisation;
-use volition::control::person::{Path, PlantModel, close};
 use volition::control::{Continuous, Discrete, StateSpace};
 use volition::num::rng;
+use volition::person::state_feedback::{Path, PlantModel, close};
 use volition::plants::SeatedBalance;
 use volition::plants::seated_balance::{Structure, Values};
 

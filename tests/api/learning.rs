@@ -1,8 +1,8 @@
 use crate::harness::{Lab, TestServer};
 use num_complex::Complex64;
 use serde_json::{Value, json};
-use volition::plants::commands::chirp60;
-use volition::plants::subject::SimulatedSubject;
+use volition::simulate::reference_signals::chirp60;
+use volition::simulate::subject::SimulatedSubject;
 
 #[tokio::test]
 async fn curves_before_anything_is_identified() {

@@ -4,8 +4,8 @@ use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
-use volition::plants::commands::chirp60;
-use volition::plants::subject::SimulatedSubject;
+use volition::simulate::reference_signals::chirp60;
+use volition::simulate::subject::SimulatedSubject;
 use volition::worker::{Analyses, Worker, WorkerSettings};
 
 fn simulated(number: u32) -> String {

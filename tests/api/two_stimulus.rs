@@ -3,7 +3,7 @@ use num_complex::Complex64;
 use serde_json::{Value, json};
 use std::f64::consts::TAU;
 use volition::control::{Continuous, TransferFunction};
-use volition::plants::subject::{SimulatedSubject, SubjectParameters};
+use volition::simulate::subject::{SimulatedSubject, SubjectParameters};
 use volition::trial::Trial;
 
 const DT: f64 = 0.02;

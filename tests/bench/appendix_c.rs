@@ -13,12 +13,12 @@ use std::path::PathBuf;
 use std::time::Instant;
 use volition::analysis::{Library, Plan, Request};
 use volition::control::{Model, System, TransferFunction};
+use volition::ctl::Ctl;
 use volition::identify::pool::{Degrees, PoolSpec};
 use volition::identify::search::{Automatic, Method, Search};
 use volition::identify::ssid::plant_for;
 use volition::learning::frequency_domain::controller_metrics;
-use volition::num::Ctl;
-use volition::plants::SimulatedStudy;
+use volition::simulate::SimulatedStudy;
 use volition::trial::{csv, write};
 
 /// A trial as a request carries it.

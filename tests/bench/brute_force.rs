@@ -12,10 +12,11 @@ use std::f64::consts::{E, TAU};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 use volition::control::System;
+use volition::ctl::Ctl;
 use volition::identify::pool::{Degrees, Pool, PoolSpec, Position};
 use volition::identify::problem::{Lines, Problem};
 use volition::identify::search::{Cells, Listed, Search, exact};
-use volition::num::{Complex64, Ctl};
+use volition::num::Complex64;
 use volition::plants::catalogue;
 
 /// Lines, coefficients of the numerator's real and imaginary half, entries of the two Gram matrices.

@@ -5,8 +5,8 @@
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use std::time::Instant;
+use volition::ctl::Ctl;
 use volition::excite::design::{Criterion, Settings, climb};
-use volition::num::Ctl;
 
 #[path = "../support/chapter_five.rs"]
 #[allow(dead_code, reason = "the tests use all of it")]

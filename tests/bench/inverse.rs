@@ -10,9 +10,10 @@ use rand::RngExt;
 use std::time::Instant;
 use volition::control::lqg::lqr;
 use volition::control::lyapunov::Clock;
+use volition::ctl::Ctl;
 use volition::inverse::fit::{FitSettings, fit};
 use volition::inverse::{Gains, Settings, Verdict, inverse_lqr};
-use volition::num::{Ctl, rng};
+use volition::num::rng;
 
 #[path = "../support/inverse_plants.rs"]
 mod inverse_plants;

@@ -9,9 +9,9 @@ use serde_json::json;
 use std::f64::consts::PI;
 use std::time::Instant;
 use volition::control::{MultivariableModel, MultivariableSystem};
+use volition::ctl::Ctl;
 use volition::identify::mimo::{FeedbackPool, MatrixFrequencyData, Plant, Settings, identify};
 use volition::identify::ssid::Weights;
-use volition::num::Ctl;
 
 fn main() {
     let smoke = std::env::args().any(|argument| argument == "--smoke");

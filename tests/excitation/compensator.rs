@@ -5,10 +5,10 @@ use num_complex::Complex64;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 use volition::control::{Discrete, simulate};
+use volition::ctl::Ctl;
 use volition::excite::compensator::{Compensator, Design, DesignLimits, SearchBox, search};
 use volition::excite::motion::{Motion, MotionLimits};
 use volition::excite::path::{SampledPlant, mass_damper_pulse};
-use volition::num::Ctl;
 
 #[test]
 fn proportional_control_has_the_peaks_of_the_reference() {

@@ -5,11 +5,11 @@ use num_complex::Complex64;
 use serde_json::json;
 use std::f64::consts::PI;
 use volition::control::{Continuous, Discrete, System, TransferFunction};
+use volition::ctl::Ctl;
 use volition::excite::compensator::Compensator;
 use volition::excite::flatness::{Band, band_flatness, flatness};
 use volition::excite::path::{Discretisation, Path, SampledPlant, mass_damper_pulse};
 use volition::excite::spectrum::Spectrum;
-use volition::num::Ctl;
 
 #[test]
 fn the_flatness_of_the_reference_is_that_of_the_paper() {

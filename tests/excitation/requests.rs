@@ -6,11 +6,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use volition::analysis::{Failure, Kind, Library, Plan, Request};
 use volition::control::{Discrete, System, TransferFunction};
+use volition::ctl::{Ctl, StopReason, Stopped};
 use volition::excite::compensator::{Compensator, DesignLimits};
 use volition::excite::flatness::{Band, flatness};
 use volition::excite::path::{Path, SampledPlant};
 use volition::excite::spectrum::Spectrum;
-use volition::num::{Ctl, StopReason, Stopped};
 
 #[test]
 fn the_report_has_the_shape_that_scripts_rely_on() {

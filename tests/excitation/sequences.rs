@@ -3,10 +3,10 @@
 use crate::support::{close, golden, made, prts, spectrum};
 use serde_json::{Value, json};
 use std::f64::consts::PI;
+use volition::ctl::Ctl;
 use volition::excite::flatness::flatness;
 use volition::excite::sequence::{correlation, field::Base};
 use volition::excite::spectrum::Spectrum;
-use volition::num::Ctl;
 
 #[test]
 fn the_primitive_polynomials_and_the_sequence_are_those_of_the_reference() {
@@ -161,9 +161,9 @@ fn multisines_have_their_lines_and_nothing_else() {
 fn chirps_and_noise_are_what_they_say() {
     let chirp =
         made(json!({"generator": {"kind": "chirp", "preset": "zhang2015_section_3_2"}, "sample_time_s": 0.002}));
-    assert_eq!((chirp.values.len(), &chirp.values), (40_001, &volition::plants::commands::chirp80(0.002)));
+    assert_eq!((chirp.values.len(), &chirp.values), (40_001, &volition::simulate::reference_signals::chirp80(0.002)));
     let chirp = made(json!({"generator": {"kind": "chirp", "preset": "zhang2015_section_5_2"}, "sample_time_s": 0.02}));
-    assert_eq!(chirp.values, volition::plants::commands::chirp60(0.02));
+    assert_eq!(chirp.values, volition::simulate::reference_signals::chirp60(0.02));
     // 2 sin(π t²/120) is at t/120 Hz.
     let general = made(json!({
         "generator": {"kind": "chirp", "from_hz": 0, "to_hz": 0.5, "duration_s": 60, "amplitude": 2}, "sample_time_s": 0.02

@@ -5,12 +5,12 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use volition::analysis::{Failure, Library, Plan, Problem, Report, Request};
 use volition::control::Discrete;
+use volition::ctl::Ctl;
 use volition::excite::compensator::Design;
 use volition::excite::flatness::{Band, band_flatness};
 use volition::excite::path::SampledPlant;
 use volition::excite::sequence::{Sequence, SequenceSpec};
 use volition::excite::spectrum::Spectrum;
-use volition::num::Ctl;
 
 #[derive(Deserialize)]
 pub struct Golden {

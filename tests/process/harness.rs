@@ -5,7 +5,7 @@ use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use volition::plants::SimulatedStudy;
+use volition::simulate::SimulatedStudy;
 use volition::trial::{Trial, write};
 
 /// How long anything here may take before the test counts as stuck.

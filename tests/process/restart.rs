@@ -2,7 +2,7 @@
 
 use crate::harness::{Process, Server, id, quick_spec};
 use serde_json::json;
-use volition::plants::SimulatedStudy;
+use volition::simulate::SimulatedStudy;
 use volition::trial::write;
 
 #[tokio::test(flavor = "multi_thread")]

@@ -2,8 +2,8 @@ use super::*;
 use std::collections::BTreeSet;
 use volition::analysis::Incumbent;
 use volition::analysis::ids::AnalysisId;
+use volition::ctl::{Bracket, Progress};
 use volition::jobs::Status;
-use volition::num::{Bracket, Progress};
 use volition::store::{AnalysisFilter, Held, Lease, Standing};
 
 const LEASE_S: f64 = 15.0;

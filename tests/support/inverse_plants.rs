@@ -5,9 +5,10 @@ use num_complex::Complex64;
 use rand::{Rng, RngExt};
 use volition::control::lqg::lqr;
 use volition::control::lyapunov::Clock;
+use volition::ctl::Ctl;
 use volition::inverse::{Gains, Settings, Verdict, inverse_lqr};
 use volition::num::linalg::eigenvalues;
-use volition::num::{Ctl, rng};
+use volition::num::rng;
 
 /// The recorded seed.
 pub const SEED: u64 = 7;

@@ -23,13 +23,13 @@ use crate::analysis::report::{Report, Warning, sha256_json};
 use crate::analysis::ssid::problems::check_plant;
 use crate::analysis::trial_input::parse_model;
 use crate::control::{Discrete, Model, System};
+use crate::ctl::Ctl;
 use crate::excite::flatness::{Band, BandError, band_flatness};
 use crate::excite::motion::Motion;
 use crate::excite::path::Path;
 use crate::excite::peak::supremum;
 use crate::excite::sequence::correlation;
 use crate::excite::spectrum::Spectrum;
-use crate::num::Ctl;
 pub use result::{
     AutocorrelationResult, ExcitationQualityResult, FlatnessResult, LinesResult, PathResult, PredictabilityResult,
     SamplesResult, SignalResult,

@@ -14,10 +14,10 @@ use crate::analysis::plan::Failure;
 use crate::analysis::problem::{Code, Problem};
 use crate::analysis::report::sha256_json;
 use crate::analysis::trial_input::{PlantNeed, TrialInputs};
+use crate::ctl::Ctl;
 use crate::excite::sequence::{
     CheckedSequence, Chirp, FilteredNoise, Generator, Multisine, Sequence, SequenceSpec, ShiftRegister,
 };
-use crate::num::Ctl;
 use crate::trial::Channel;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};

@@ -2,7 +2,7 @@
 
 use super::{DOUBTFUL, GainFitResult, GainFitWanted, NEARLY_SINGULAR, Plan};
 use crate::analysis::report::Warning;
-use crate::identify::gain_fit::{Estimate, Noise};
+use crate::likelihood::{Estimate, Noise};
 
 impl Plan {
     pub(super) fn warn(&self, result: &GainFitResult, estimate: &Estimate, noise: &Noise, warnings: &mut Vec<Warning>) {

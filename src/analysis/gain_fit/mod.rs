@@ -8,7 +8,7 @@
 //! {"kind": "gain_fit",
 //!  "inputs": {"plant": {"a": [[0, 1], [4, 0]], "b": [[0], [1]]}, "trials": [{"sample_time_s": 0.02, "input": [1], "output": [[0, 0]]}]}}
 //! ```
-//! The method is that of [`gain_fit`](crate::identify::gain_fit); what was found is then put the question of
+//! The method is that of [`gain_fit`](crate::likelihood); what was found is then put the question of
 //! [`inverse`](crate::inverse), with its uncertainty ([`optimality`]).
 
 mod findings;
@@ -29,11 +29,12 @@ use super::plan::Failure;
 use super::problem::Problem;
 use super::report::{Report, Warning};
 use crate::control::lyapunov::Clock;
-use crate::control::person::{PlantModel, StateFeedback, Timing};
 use crate::control::{Continuous, Discrete};
-use crate::identify::gain_fit::uncertainty::Uncertainty;
-use crate::identify::gain_fit::{Estimate, Experiment, Innovation, LoopModel, Record, Settings, fit, residuals};
-use crate::num::{Ctl, linalg};
+use crate::ctl::Ctl;
+use crate::likelihood::uncertainty::Uncertainty;
+use crate::likelihood::{Estimate, Experiment, Innovation, LoopModel, Record, Settings, fit, residuals};
+use crate::num::linalg;
+use crate::person::state_feedback::{PlantModel, StateFeedback, Timing};
 use inputs::Signals;
 pub use inputs::{GainFitInputs, GainFitTrial};
 use nalgebra::{DMatrix, DVector};
@@ -348,7 +349,7 @@ impl Plan {
         let gain_covariance = part(&by_column);
         let at = |theta: &[f64]| question(assembled, both, theta);
         let Some((a, b, k)) = at(theta) else {
-            return Err(problems::fit(&crate::identify::gain_fit::FitError::NotFinite));
+            return Err(problems::fit(&crate::likelihood::FitError::NotFinite));
         };
         let (errors_by_trial, sampled) = (
             experiment.errors(&estimate.evaluation.residuals, &estimate.whitening).unwrap_or_default(),

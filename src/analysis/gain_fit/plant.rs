@@ -3,9 +3,9 @@
 use super::problems::wrong_input as wrong;
 use crate::analysis::inverse::matrix;
 use crate::analysis::problem::Problem;
-use crate::control::person::{AffinePlant, Plant, PlantModel, Term};
 use crate::control::{Model, conversion};
 use crate::num::dual::Real;
+use crate::person::state_feedback::{AffinePlant, Plant, PlantModel, Term};
 use crate::plants::seated_balance::{Drive, Output, Parameter, SeatedBalance, Structure, Values};
 use crate::plants::{ParametricPlant, SeatedBalance as Seated};
 use nalgebra::DMatrix;

@@ -2,7 +2,7 @@
 
 use crate::analysis::plan::Failure;
 use crate::analysis::problem::{Code, Problem};
-use crate::identify::gain_fit::{ExperimentError, FitError};
+use crate::likelihood::{ExperimentError, FitError};
 
 pub(super) fn wrong_input(detail: impl Into<String>, at: impl Into<String>) -> Problem {
     Problem::new(Code::Invalid, "unusable inputs", detail).at(at)

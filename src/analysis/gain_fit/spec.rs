@@ -3,7 +3,7 @@
 use super::problems::wrong_spec as wrong;
 use crate::analysis::inverse::{InverseSpec, PortWeight, StateWeight, WeightName, matrix};
 use crate::analysis::problem::Problem;
-use crate::identify::gain_fit::Noise;
+use crate::likelihood::Noise;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;

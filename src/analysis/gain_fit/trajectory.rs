@@ -4,10 +4,10 @@ use super::spec::GainFitWanted;
 use super::{Loop, Plan};
 use crate::analysis::inverse::{SharesResult, shares};
 use crate::control::parametric::{Matrices, Realisation};
-use crate::control::person::{Path, Plant, PlantModel, close};
 use crate::control::{Continuous, Discrete, StateSpace};
-use crate::identify::gain_fit::Record;
 use crate::inverse::reading;
+use crate::likelihood::Record;
+use crate::person::state_feedback::{Path, Plant, PlantModel, close};
 use nalgebra::{DMatrix, DVector};
 
 /// A loop whose outputs are the states of the plant and the controls, sampled.

@@ -29,7 +29,7 @@ use super::kind::{Kind, Request};
 use super::plan::Failure;
 use super::problem::{Code, Problem};
 use super::report::{Report, sha256_json};
-use crate::num::Ctl;
+use crate::ctl::Ctl;
 use model::Model;
 pub use model::{Entry, FormulaModel, ModelInput, ModelName, ModelParameter, NamedModel};
 pub use result::{

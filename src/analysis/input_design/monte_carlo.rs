@@ -4,8 +4,8 @@ use super::result::{MonteCarloParameter, MonteCarloResult};
 use super::run::{Reached, Task, overflow};
 use crate::analysis::plan::Failure;
 use crate::analysis::report::Warning;
+use crate::ctl::Ctl;
 use crate::excite::design::refit::{Setting, refit};
-use crate::num::Ctl;
 use crate::num::distributions::f_cdf;
 
 /// The level at which all intervals of a simulation hold together.

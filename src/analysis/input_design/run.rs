@@ -15,12 +15,12 @@ use crate::analysis::problem::{Code, Problem};
 use crate::analysis::report::Warning;
 use crate::control::Discrete;
 use crate::control::parametric::Differentiated;
+use crate::ctl::Ctl;
 use crate::excite::design::limits::autocorrelation;
 use crate::excite::design::{
     Autocorrelation, Climb, ClimbError, Criterion, Fisher, Information, Limits, OutputLimit, Response, Responses,
     Settings, Stop, climb,
 };
-use crate::num::Ctl;
 use nalgebra::DMatrix;
 
 /// The trust region is halved until it is this share of what it begins with.

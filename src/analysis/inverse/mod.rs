@@ -21,12 +21,12 @@ use super::plan::Failure;
 use super::problem::Problem;
 use super::report::{Report, Warning, sha256_json};
 use crate::control::structural::{StructuralError, check_detectable};
+use crate::ctl::Ctl;
 use crate::inverse::fit::{
     CrossTerm, Descent, DescentError, DescentSettings, Fit, Objective, descent, fit, smallest_cross_term,
 };
 use crate::inverse::lqr::Weights;
 use crate::inverse::{Gains, InverseLqr, Role, Settings, UNDECIDED, Verdict, inverse_lqr};
-use crate::num::Ctl;
 pub use inputs::{Comparand, InverseInputs, Trajectory};
 use nalgebra::DMatrix;
 pub use result::{

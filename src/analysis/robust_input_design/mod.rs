@@ -17,10 +17,10 @@ use super::kind::{Kind, Request};
 use super::plan::Failure;
 use super::problem::{Code, Problem};
 use super::report::{Report, Warning, sha256_json};
+use crate::ctl::Ctl;
 use crate::excite::robust::search::expected_evaluations;
 use crate::excite::robust::{DrawCost, Outcome, Search, Worst, costs, draws};
 use crate::excite::sequence::SequenceError;
-use crate::num::Ctl;
 use crate::num::distributions::student_t;
 use crate::num::stats::{mean, standard_deviation};
 pub use result::{

@@ -88,7 +88,7 @@ fn impossible_experiments_are_named() {
 #[test]
 fn it_stops_when_asked() {
     let ctl = Ctl::new();
-    ctl.stop(crate::num::StopReason::Cancelled);
+    ctl.stop(crate::ctl::StopReason::Cancelled);
     let found = plan(json!({"axis": "axial_rotation"}), small()).unwrap().run(&Library::default(), &ctl);
     assert!(matches!(found, Err(Failure::Stopped(_))));
 }

@@ -4,12 +4,12 @@ use super::problems;
 use crate::analysis::plan::Failure;
 use crate::analysis::report::Warning;
 use crate::control::{Model, System};
+use crate::ctl::Ctl;
 use crate::identify::delayed::{Pair, Point, search_with_delays};
-use crate::identify::frequency::FrequencyData;
 use crate::identify::pool::PoolError;
 use crate::identify::search::Search;
 use crate::identify::ssid::{Settings, SsidError};
-use crate::num::Ctl;
+use crate::response::FrequencyData;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

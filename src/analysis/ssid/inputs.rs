@@ -4,7 +4,7 @@ use crate::analysis::inputs::References;
 use crate::analysis::problem::Problem;
 use crate::analysis::reading::{self, FittedTrials};
 use crate::control::Model;
-use crate::identify::frequency::FrequencyData;
+use crate::response::FrequencyData;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

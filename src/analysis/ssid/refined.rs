@@ -3,6 +3,7 @@
 use super::result::{Stability, TrialVaf};
 use crate::analysis::report::Warning;
 use crate::control::{Model, System};
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::identifiability::{Identifiability, Structure, judge};
 use crate::identify::problem::{Lines, Problem};
 use crate::identify::refine::{
@@ -12,7 +13,6 @@ use crate::identify::refine::{
 use crate::identify::ssid::Identified;
 use crate::identify::time::Time;
 use crate::num::least_squares::Stop;
-use crate::num::{Ctl, Stopped};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

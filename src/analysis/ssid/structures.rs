@@ -5,11 +5,11 @@ use super::spec::CheckedSpec;
 use crate::analysis::plan::Failure;
 use crate::analysis::report::Warning;
 use crate::control::System;
-use crate::identify::frequency::{FrequencyData, RepeatKind, Repeats};
+use crate::ctl::Ctl;
 use crate::identify::refine::{Criteria, RefineError, Refinement, Setup, Start};
 use crate::identify::search::{Automatic, Shared};
 use crate::identify::ssid::{Settings, SsidError, Weights, identify};
-use crate::num::Ctl;
+use crate::response::{FrequencyData, RepeatKind, Repeats};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

@@ -1,5 +1,5 @@
 use super::*;
-use crate::num::StopReason;
+use crate::ctl::StopReason;
 use serde_json::Value;
 
 /// The example of Zhang 2015, section 2.6, on a pool around the truth.
@@ -184,7 +184,7 @@ fn trials_are_simulated() {
     // A loop that follows the model class exactly, from rest, over whole periods after the start has died away.
     let time = crate::control::Discrete::new(0.1).unwrap();
     let tf = |num: &[f64], den: &[f64]| TransferFunction::new(num, den, time).unwrap();
-    let closed = crate::control::two_dof::TwoDegreesOfFreedom::new(
+    let closed = crate::person::two_degrees_of_freedom::TwoDegreesOfFreedom::new(
         tf(&[0.2], &[1.0, -0.8]),
         tf(&[0.7, 0.1], &[1.0, 0.0]),
         tf(&[0.5], &[1.0]),

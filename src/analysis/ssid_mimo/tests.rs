@@ -1,7 +1,7 @@
 use super::*;
 use crate::analysis::problem::Code;
 use crate::control::MultivariableModel;
-use crate::num::StopReason;
+use crate::ctl::StopReason;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 

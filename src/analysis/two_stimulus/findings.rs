@@ -4,7 +4,7 @@ use super::has_feedforward;
 use super::result::StructureFit;
 use crate::analysis::report::Warning;
 use crate::control::System;
-use crate::identify::two_stimulus::controllers::Controllers;
+use crate::two_stimulus::controllers::Controllers;
 
 /// A p-value below this says that the structure does not describe the responses.
 const MISFIT: f64 = 0.01;
@@ -26,7 +26,7 @@ fn hertz(frequencies: &[f64]) -> String {
 /// Findings about the estimate without structure.
 pub(super) fn of_estimate(free: &Controllers, plant: &System, given: bool, warnings: &mut Vec<Warning>) {
     let lines = &free.lines;
-    let at = |meant: &dyn Fn(&crate::identify::two_stimulus::controllers::LineControllers) -> bool| -> Vec<f64> {
+    let at = |meant: &dyn Fn(&crate::two_stimulus::controllers::LineControllers) -> bool| -> Vec<f64> {
         lines.iter().filter(|line| meant(line)).map(|line| line.response.frequency_hz).collect()
     };
     let mut say = |code: &str, frequencies: Vec<f64>, words: &str| {
@@ -70,7 +70,7 @@ pub(super) fn of_estimate(free: &Controllers, plant: &System, given: bool, warni
     say(
         "noisy_estimate",
         at(&|line| {
-            let is_noisy = |e: crate::identify::two_stimulus::controllers::Estimated| {
+            let is_noisy = |e: crate::two_stimulus::controllers::Estimated| {
                 e.variance.is_some_and(|v| (0.5 * v).sqrt() > FIRST_ORDER * e.value.norm())
             };
             line.feedback.is_some_and(is_noisy) || line.feedforward.is_some_and(is_noisy)

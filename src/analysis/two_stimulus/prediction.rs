@@ -2,11 +2,11 @@
 
 use super::result::{Shares, TrialShare};
 use crate::analysis::trial_input::ResolvedTrial;
-use crate::identify::frequency::stimuli::{SegmentLines, StimulusLines};
-use crate::identify::two_stimulus::fit::Fitted;
-use crate::identify::two_stimulus::regularised::{Regularised, RegularisedError, default_sizes};
-use crate::identify::two_stimulus::steady::{Share, accounted_for_at_lines, ceilings, groups_by_stimuli};
-use crate::num::{Ctl, Stopped};
+use crate::ctl::{Ctl, Stopped};
+use crate::response::stimuli::{SegmentLines, StimulusLines};
+use crate::two_stimulus::fit::Fitted;
+use crate::two_stimulus::regularised::{Regularised, RegularisedError, default_sizes};
+use crate::two_stimulus::steady::{Share, accounted_for_at_lines, ceilings, groups_by_stimuli};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

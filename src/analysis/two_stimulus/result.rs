@@ -2,10 +2,10 @@
 
 use super::pool::PoolResult;
 use super::prediction::{Ceiling, RegularisedResult};
-use crate::identify::two_stimulus::controllers::{Controllers, Estimated, LineControllers};
-use crate::identify::two_stimulus::fit::{Band, Fitted};
-use crate::identify::two_stimulus::responses::NoiseSource;
-use crate::identify::two_stimulus::structure::Structure;
+use crate::two_stimulus::controllers::{Controllers, Estimated, LineControllers};
+use crate::two_stimulus::fit::{Band, Fitted};
+use crate::two_stimulus::responses::NoiseSource;
+use crate::two_stimulus::structure::Structure;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -3,10 +3,10 @@
 use crate::analysis::frequency_problem;
 use crate::analysis::problem::{Code, Problem};
 use crate::analysis::reading::{self, wrong_spec as wrong};
-use crate::identify::frequency::{CheckedSettings, FrequencySettings};
 use crate::identify::pool::{Degrees, PoolSpec, Recipe};
-use crate::identify::two_stimulus::fit::Channel;
-use crate::identify::two_stimulus::structure::Structure;
+use crate::response::{CheckedSettings, FrequencySettings};
+use crate::two_stimulus::fit::Channel;
+use crate::two_stimulus::structure::Structure;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;

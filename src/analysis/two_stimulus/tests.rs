@@ -1,5 +1,5 @@
 use super::*;
-use crate::num::StopReason;
+use crate::ctl::StopReason;
 use serde_json::Value;
 
 fn complex(z: Complex64) -> [f64; 2] {

@@ -7,8 +7,9 @@ use crate::control::System;
 use crate::learning::frequency_domain::{MetricsError, controller_metrics_of};
 use crate::learning::time_domain::metrics;
 use crate::num::Complex64;
-use crate::plants::study::Member;
-use crate::plants::{Plant, SimulatedStudy};
+use crate::plants::Plant;
+use crate::simulate::SimulatedStudy;
+use crate::simulate::study::Member;
 use crate::store::{NewPlant, NewStudy, NewSubject, NewTrial, Store};
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -102,6 +103,6 @@ fn simulate(
     study: &SimulatedStudy,
     member: &Member,
     number: u32,
-) -> Result<crate::trial::Trial, crate::plants::subject::SubjectError> {
+) -> Result<crate::trial::Trial, crate::simulate::subject::SubjectError> {
     study.trial(member, number)
 }

@@ -3,8 +3,8 @@
 use super::climb::climb;
 use super::design::{Design, DesignLimits};
 use super::space::{EDGE, Space};
+use crate::ctl::{Ctl, Stopped};
 use crate::excite::peak::golden;
-use crate::num::{Ctl, Stopped};
 
 /// A climb that ends this near an edge is tried on it.
 const NEAR_EDGE: f64 = 0.05;

@@ -4,8 +4,8 @@ use super::ascent::Task;
 use super::design::{Compensator, Design, DesignLimits};
 use super::space::{EDGE, Space};
 use crate::control::bode::log_grid;
+use crate::ctl::{Ctl, Stopped};
 use crate::excite::path::PathError;
-use crate::num::{Ctl, Stopped};
 use rayon::iter::{IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelIterator as _};
 use std::collections::BTreeMap;
 

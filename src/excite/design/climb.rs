@@ -11,7 +11,7 @@ use super::information::{Criterion, Information, factor};
 use super::limits::{Broken, Limits};
 use super::step::{Row, Step, step};
 use crate::convex::boxed::BoxedError;
-use crate::num::{Ctl, Stopped};
+use crate::ctl::{Ctl, Stopped};
 use nalgebra::DMatrix;
 use std::collections::BTreeSet;
 

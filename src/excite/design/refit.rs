@@ -3,10 +3,10 @@
 use super::responses::Response;
 use crate::control::Discrete;
 use crate::control::parametric::Differentiated;
+use crate::ctl::{Ctl, Stopped};
 use crate::num::least_squares::{LeastSquares, LeastSquaresError, Options, minimise};
 use crate::num::rng::stream;
 use crate::num::stats::{mean, standard_deviation};
-use crate::num::{Ctl, Stopped};
 use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution as _, StandardNormal};
 use rayon::prelude::*;

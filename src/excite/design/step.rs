@@ -17,7 +17,7 @@
 
 use super::limits::{Limits, lagged};
 use crate::convex::boxed::{self, BoxedError};
-use crate::num::Ctl;
+use crate::ctl::Ctl;
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeSet;
 

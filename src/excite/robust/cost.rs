@@ -2,10 +2,10 @@
 
 use crate::control::Discrete;
 use crate::control::parametric::{Differentiated, ParametricModel};
+use crate::ctl::{Ctl, Stopped};
 use crate::excite::sequence::{FilteredNoise, Generator, Screen, SequenceError, SequenceSpec};
 use crate::num::least_squares::{LeastSquares, LeastSquaresError, Options, minimise};
 use crate::num::rng::stream;
-use crate::num::{Ctl, Stopped};
 use crate::plants::head_neck::{COUNT, Drive, HeadNeck, Population};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use rand::RngExt;

@@ -1,8 +1,8 @@
 //! The search for the experiment whose worst subject costs least.
 
 use super::cost::{Draw, DrawCost, Setting, costs};
+use crate::ctl::Ctl;
 use crate::excite::sequence::SequenceError;
-use crate::num::Ctl;
 use std::collections::BTreeMap;
 
 /// A search over experiments, with one set of draws for all that it compares.

@@ -3,7 +3,7 @@
 use super::error::SequenceError;
 use super::field::Base;
 use super::sampled::{Period, Sequence, whole};
-use crate::num::Ctl;
+use crate::ctl::Ctl;
 use crate::num::rng::stream;
 use rand::RngExt;
 use serde::{Deserialize, Serialize};

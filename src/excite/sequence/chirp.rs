@@ -2,7 +2,7 @@
 
 use super::error::SequenceError;
 use super::sampled::Sequence;
-use crate::plants::commands;
+use crate::simulate::reference_signals;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -11,10 +11,10 @@ use utoipa::ToSchema;
 /// A chirp of a published study.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub enum ChirpPreset {
-    /// [`commands::chirp80_at`]: 80 s, up from 0.1 Hz and down again with shrinking and growing amplitude.
+    /// [`reference_signals::chirp80_at`]: 80 s, up from 0.1 Hz and down again with shrinking and growing amplitude.
     #[serde(rename = "zhang2015_section_3_2")]
     Zhang2015Section32,
-    /// [`commands::chirp60_at`]: 60 s, `2 sin(π t²/120)`, from 0 to 0.5 Hz (it is at t/120 Hz).
+    /// [`reference_signals::chirp60_at`]: 60 s, `2 sin(π t²/120)`, from 0 to 0.5 Hz (it is at t/120 Hz).
     #[serde(rename = "zhang2015_section_5_2")]
     Zhang2015Section52,
 }
@@ -104,8 +104,8 @@ impl Chirp {
     /// Length in seconds.
     pub(super) fn duration_s(&self) -> f64 {
         match self.preset {
-            Some(ChirpPreset::Zhang2015Section32) => commands::CHIRP80_DURATION_S,
-            Some(ChirpPreset::Zhang2015Section52) => commands::CHIRP60_DURATION_S,
+            Some(ChirpPreset::Zhang2015Section32) => reference_signals::CHIRP80_DURATION_S,
+            Some(ChirpPreset::Zhang2015Section52) => reference_signals::CHIRP60_DURATION_S,
             None => self.duration_s.unwrap_or(f64::NAN),
         }
     }
@@ -113,8 +113,8 @@ impl Chirp {
     fn at(&self, t: f64) -> f64 {
         self.amplitude
             * match self.preset {
-                Some(ChirpPreset::Zhang2015Section32) => commands::chirp80_at(t),
-                Some(ChirpPreset::Zhang2015Section52) => commands::chirp60_at(t),
+                Some(ChirpPreset::Zhang2015Section32) => reference_signals::chirp80_at(t),
+                Some(ChirpPreset::Zhang2015Section52) => reference_signals::chirp60_at(t),
                 None => {
                     let (f0, f1, length) =
                         (self.from_hz.unwrap_or(0.0), self.to_hz.unwrap_or(0.0), self.duration_s.unwrap_or(1.0));
@@ -131,7 +131,7 @@ impl Chirp {
     }
 
     pub(super) fn sample(&self, sample_time_s: f64) -> Sequence {
-        let values = commands::sampled(sample_time_s, self.duration_s(), |t| self.at(t));
+        let values = reference_signals::sampled(sample_time_s, self.duration_s(), |t| self.at(t));
         Sequence { sample_time_s, values, period: None, harmonics: None, chip_s: None, details: BTreeMap::new() }
     }
 }

@@ -1,6 +1,6 @@
 //! Sequences that cannot be made, and why.
 
-use crate::num::Stopped;
+use crate::ctl::Stopped;
 
 /// Why a sequence cannot be made. Every error but [`SequenceError::Stopped`] names the field that it is about.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -4,8 +4,8 @@
 //! possible, exactly where its polynomial `f(x) = xⁿ − c_{n−1} xⁿ⁻¹ − … − c₀` is primitive: where x has the order pⁿ − 1 modulo f
 //! (Golomb, *Shift Register Sequences*, 1967). There are φ(pⁿ − 1)/n such polynomials.
 
+use crate::ctl::{Ctl, Stopped};
 use crate::num::rng::Stream;
-use crate::num::{Ctl, Stopped};
 use rand::RngExt;
 
 /// The largest order of any base.

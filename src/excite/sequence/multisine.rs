@@ -2,10 +2,11 @@
 
 use super::error::SequenceError;
 use super::sampled::{Period, Sequence, whole};
+use crate::ctl::Ctl;
+use crate::num::Complex64;
 use crate::num::fourier;
 use crate::num::least_squares::{LeastSquares, LeastSquaresError, Options, minimise};
 use crate::num::rng::stream;
-use crate::num::{Complex64, Ctl};
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};

@@ -2,8 +2,8 @@
 
 use super::error::SequenceError;
 use super::sampled::Sequence;
+use crate::ctl::{Ctl, Stopped};
 use crate::num::rng::stream;
-use crate::num::{Ctl, Stopped};
 use rand_distr::{Distribution as _, StandardNormal};
 use serde::{Deserialize, Serialize};
 use serde_json::json;

@@ -8,7 +8,7 @@ use super::field::Base;
 use super::multisine::Multisine;
 use super::noise::{FilteredNoise, tukey};
 use super::sampled::{Sequence, whole};
-use crate::num::Ctl;
+use crate::ctl::Ctl;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

@@ -1,9 +1,9 @@
 //! Why nothing is identified from several inputs and outputs.
 
 use super::pool::MOST_CONTROLS;
+use crate::ctl::Stopped;
 use crate::identify::basis::TooFewLines;
 use crate::identify::problem::{Dropped, Unusable};
-use crate::num::Stopped;
 use crate::num::linalg::NoConvergence;
 use num_complex::Complex64;
 

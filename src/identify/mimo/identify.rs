@@ -9,11 +9,12 @@ use super::pool::{FeedbackPool, MOST_CONTROLS};
 use super::search::{Optimum, search};
 use super::stability::Tester;
 use crate::control::{Discrete, LeftFraction, Multivariable, PolynomialMatrix};
+use crate::ctl::Ctl;
 use crate::identify::identifiability::Identifiability;
 use crate::identify::problem::Dropped;
 use crate::identify::ssid::{Finding, Weights};
+use crate::num::Polynomial;
 use crate::num::linalg;
-use crate::num::{Ctl, Polynomial};
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 

@@ -4,8 +4,8 @@ use super::exact::{Fit, Problem};
 use super::kernel::{Fixed, LANES};
 use super::pool::{FeedbackPool, Row};
 use super::stability::Tester;
+use crate::ctl::{Bracket, Ctl, Stopped};
 use crate::identify::search::NEAR;
-use crate::num::{Bracket, Ctl, Stopped};
 use rayon::prelude::*;
 
 /// The best candidate, and how it was found.

@@ -3,8 +3,8 @@
 use super::factor::Factor;
 use super::routh;
 use super::scan::{self, Extremes, Gains, Numerators, Scan};
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::time::multiply;
-use crate::num::{Ctl, Stopped};
 use rayon::prelude::*;
 
 /// Blocks that the table is cut into, if it has so many rows.
@@ -336,7 +336,7 @@ impl FeedbackTable {
         let _ = self.walk(block, &never, |row| {
             if let Some(feedback) = row.get(left as usize) {
                 found = Some(feedback);
-                return Err(Stopped(crate::num::StopReason::Cancelled));
+                return Err(Stopped(crate::ctl::StopReason::Cancelled));
             }
             left -= row.gains.len() as u64;
             Ok(())

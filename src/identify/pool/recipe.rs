@@ -8,9 +8,9 @@ use super::spec::PoolSpecError;
 use super::unfold::refuse;
 use super::{Pool, Position};
 use crate::control::System;
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::identifiability::Structure;
 use crate::identify::time::{Region, Time};
-use crate::num::{Ctl, Stopped};
 
 /// The most combinations of denominator, numerator and gain whose stability is tested.
 const LARGEST_TABLE: u128 = 200_000_000_000;

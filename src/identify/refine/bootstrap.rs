@@ -5,8 +5,9 @@
 
 use super::Refinement;
 use super::uncertainty::Noise;
+use crate::ctl::{Ctl, Stopped};
 use crate::num::least_squares::{self, LeastSquaresError, Options};
-use crate::num::{Ctl, Stopped, rng};
+use crate::num::rng;
 use num_complex::Complex64;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;

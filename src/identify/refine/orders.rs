@@ -13,10 +13,10 @@
 
 use super::uncertainty::Noise;
 use super::{RefineError, Refinement, Setup, Start};
-use crate::identify::frequency::Fold;
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::problem::{Line, Lines, Problem};
 use crate::num::least_squares::{self, LeastSquaresError, Options};
-use crate::num::{Ctl, Stopped};
+use crate::response::Fold;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

@@ -1,9 +1,9 @@
 //! A block of a pool's feedback controllers, evaluated with every feedforward denominator.
 
 use super::kernel::{self, FeedbackAtLines, FeedbackBatch, FeedforwardAtLines, Layout, LineConstants, Screened};
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
-use crate::num::{Ctl, Stopped};
 use num_complex::Complex64;
 
 /// From this many feedforward denominators on, candidates that differ in these are evaluated together; below, candidates that

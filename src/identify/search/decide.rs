@@ -2,9 +2,9 @@
 
 use super::near::{Bracketed, nearest};
 use super::{Method, NEAR, Optimum, exact};
+use crate::ctl::{Bracket, Ctl, Stopped};
 use crate::identify::pool::{Feedback, Pool, Position};
 use crate::identify::problem::Problem;
-use crate::num::{Bracket, Ctl, Stopped};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};

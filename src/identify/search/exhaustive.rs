@@ -3,9 +3,9 @@
 use super::block::{Batch, Evaluator};
 use super::near::{Bracketed, nearest, prune};
 use super::{Method, NEAR, Optimum, Search, exact};
+use crate::ctl::{Bracket, Ctl, Stopped};
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
-use crate::num::{Bracket, Ctl, Stopped};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};

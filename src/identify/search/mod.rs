@@ -14,7 +14,7 @@ pub mod tree;
 use super::pool::{Pool, PoolError, Recipe};
 use super::problem::Problem;
 use crate::control::System;
-use crate::num::{Ctl, Stopped};
+use crate::ctl::{Ctl, Stopped};
 pub use automatic::{Automatic, Method, Origins, Shared, Tally};
 pub use exhaustive::Exhaustive;
 pub use listed::{Cells, Listed};

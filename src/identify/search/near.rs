@@ -1,9 +1,9 @@
 //! The candidates that are nearly as good as the best one, exactly, from costs that are only bracketed.
 
 use super::exact;
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::Candidate;
 use crate::identify::problem::Problem;
-use crate::num::{Ctl, Stopped};
 use rayon::prelude::*;
 
 /// Candidates that a family keeps.

@@ -1,8 +1,8 @@
 //! Newton's method within bounds on the eigenvalues of the weights.
 
 use super::objective::Objective;
+use crate::ctl::{Ctl, Stopped};
 use crate::inverse::structure::Structure;
-use crate::num::{Ctl, Stopped};
 use nalgebra::{DMatrix, DVector};
 
 /// Steps for one barrier weight.

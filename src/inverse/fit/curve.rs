@@ -4,9 +4,10 @@ use super::barrier::{Bounds, FAR, NEAR, Pair, Point, WARM, minimise};
 use super::objective::Objective;
 use super::starts::{into_box, random, smallest_cross_term};
 use crate::convex::lmi::LmiError;
+use crate::ctl::{Ctl, Stopped};
 use crate::inverse::gains::Gains;
 use crate::inverse::structure::{Structure, StructureError};
-use crate::num::{Ctl, Stopped, rng};
+use crate::num::rng;
 use nalgebra::DMatrix;
 
 /// Spread of the eigenvalues of random starts without bounds.

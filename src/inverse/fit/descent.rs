@@ -2,7 +2,7 @@
 
 use super::objective::Objective;
 use crate::control::riccati::RiccatiError;
-use crate::num::{Ctl, Stopped};
+use crate::ctl::{Ctl, Stopped};
 use nalgebra::DMatrix;
 
 /// How far the descent goes.

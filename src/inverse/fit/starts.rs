@@ -2,8 +2,8 @@
 
 use crate::control::lyapunov::{Clock, Lyapunov, symmetric};
 use crate::convex::lmi::{self, Block, LmiError, Problem};
+use crate::ctl::Ctl;
 use crate::inverse::gains::Gains;
-use crate::num::Ctl;
 use crate::num::rng::Stream;
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;

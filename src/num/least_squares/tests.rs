@@ -1,5 +1,5 @@
 use super::*;
-use crate::num::StopReason;
+use crate::ctl::StopReason;
 
 type Residuals = Box<dyn Fn(&[f64]) -> Vec<f64>>;
 type Jacobian = Box<dyn Fn(&[f64]) -> Vec<Vec<f64>>>;

@@ -21,9 +21,9 @@ mod parameter;
 pub use parameter::Parameter;
 
 use crate::control::parametric::{Matrices, ParametricModel};
-use crate::control::person::{self, Path, Plant, PlantModel};
 use crate::control::{Continuous, StateSpace};
 use crate::num::dual::Real;
+use crate::person::state_feedback::{self, Path, Plant, PlantModel};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -2,7 +2,7 @@
 
 use super::{Drive, Output, PLANT_STATES, Parameter, SeatedBalance, Values, mass, solve};
 use crate::control::Discrete;
-use crate::control::person::pade;
+use crate::control::pade::pade;
 use crate::control::simulate::SimulationError;
 use crate::num::dual::{Dual, Real};
 use nalgebra::DMatrix;

@@ -1,9 +1,10 @@
 use super::super::{Setup, Start};
 use super::*;
 use crate::control::{Continuous, System, TransferFunction};
+use crate::ctl::Ctl;
 use crate::identify::identifiability::Structure;
 use crate::identify::problem::{Lines, Problem};
-use crate::num::{Ctl, rng};
+use crate::num::rng;
 use rand_distr::{Distribution, StandardNormal};
 
 struct World {

@@ -9,9 +9,9 @@ use super::cell::Cell;
 use super::grower::{Forest, Grower};
 use super::singles::LANES;
 use super::wide::{Pair, Rows, WIDE};
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::{Feedback, Pool};
 use crate::identify::problem::Problem;
-use crate::num::{Ctl, Stopped};
 use num_complex::Complex64;
 use rayon::prelude::*;
 

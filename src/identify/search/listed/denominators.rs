@@ -2,9 +2,9 @@
 
 use super::super::tree::axis::{Deviation, Tree};
 use super::real::Real;
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
-use crate::num::{Ctl, Stopped};
 use num_complex::Complex64;
 
 /// Largest number of denominators in a block: a bit of a mask for each.

@@ -6,7 +6,7 @@ use super::cells::Table;
 use super::deviations::{Room, Split};
 use super::extent::{Extent, Widest};
 use super::sample::{Sample, Splitter};
-use crate::num::{Ctl, Stopped};
+use crate::ctl::{Ctl, Stopped};
 use rayon::prelude::*;
 
 /// Clusters of at most this size (the root mean square of the largest |κ| at each line) are not divided, unless they have more members.

@@ -8,9 +8,9 @@ use super::PARTS;
 use super::cell::Cell;
 use super::cells::{Cells, GAIN_BITS, LEAF, Row, at_lines};
 use super::denominators::Denominators;
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
-use crate::num::{Ctl, Stopped};
 use std::io;
 
 /// What clusters depend on beside pool, plant and lines.

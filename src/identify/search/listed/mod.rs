@@ -26,9 +26,9 @@ mod work;
 
 use super::decide::{Harvest, Teller, decide};
 use super::{NEAR, Optimum, Search};
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
-use crate::num::{Ctl, Stopped};
 pub use cells::{Cells, can_list};
 pub(super) use kept::parameters;
 use rayon::prelude::*;

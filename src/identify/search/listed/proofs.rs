@@ -8,10 +8,11 @@ use super::kernel::{Bounds, bounds};
 use super::lines::Lines;
 use super::verdict::verdict;
 use crate::control::{Continuous, System, TransferFunction};
+use crate::ctl::Ctl;
 use crate::identify::pool::{Degrees, Pool, PoolSpec, Position};
 use crate::identify::problem::{Lines as Measured, Problem};
 use crate::identify::search::exact;
-use crate::num::{Complex64, Ctl, rng};
+use crate::num::{Complex64, rng};
 use rand::RngExt;
 use serde_json::json;
 

@@ -12,9 +12,9 @@ use super::single;
 use super::singles::{LANES, Singles};
 use super::verdict::{Verdict, verdict};
 use super::work::{Item, Open, Pair, Work, best};
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::Feedback;
 use crate::identify::problem::Problem;
-use crate::num::{Ctl, Stopped};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The block is divided where it extends more than this multiple of the cluster.

@@ -3,7 +3,8 @@
 //! What is read may be damaged: whether it is shows at its end, after all of it has been taken in. Until then a wrong length costs no more
 //! memory than the file is long, and nothing panics.
 
-use crate::num::{Complex64, Ctl, Stopped};
+use crate::ctl::{Ctl, Stopped};
+use crate::num::Complex64;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::io::{self, Read, Write};
@@ -280,7 +281,7 @@ fn decode<T: Record + Send>(blocks: &[Vec<u8>], records: usize) -> io::Result<Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::num::StopReason;
+    use crate::ctl::StopReason;
 
     #[derive(Debug, Clone, PartialEq)]
     struct Word(Vec<f32>, u8);

@@ -9,7 +9,7 @@
 //! with real t and the cluster's principal directions `v_m ∈ Cᴷ`. A tree depends on the lines and the pool, not on the measured
 //! response: all trials of a study share it.
 
-use crate::num::{Ctl, Stopped};
+use crate::ctl::{Ctl, Stopped};
 use num_complex::Complex64;
 
 /// Principal directions kept per node.

@@ -9,9 +9,9 @@ mod walk;
 
 use super::decide::{Found, Harvest, Teller, decide};
 use super::{NEAR, Optimum, Search, exact};
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::{Pool, Position};
 use crate::identify::problem::Problem;
-use crate::num::{Ctl, Stopped};
 pub(super) use kept::parameters;
 pub use prepared::Prepared;
 use rayon::prelude::*;

@@ -2,9 +2,9 @@
 
 use super::axis::{Deviation, Tree};
 use super::ranges::Ranges;
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
-use crate::num::{Ctl, Stopped};
 use num_complex::Complex64;
 
 /// Members of the leaves of the feedback trees.

@@ -1,8 +1,8 @@
 //! Which gains make a stable loop, for whole clusters of feedback denominators and numerators.
 
 use super::axis::Tree;
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::{Extremes, FeedbackTable};
-use crate::num::{Ctl, Stopped};
 use rayon::prelude::*;
 
 /// Largest number of pairs of clusters in the table (16 bytes each).

@@ -3,9 +3,9 @@
 use super::super::decide::Found;
 use super::kernel::{self, Bounds, Cell, Denominators, Group, LANES, Lines};
 use super::prepared::Prepared;
+use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::{Feedback, Pool};
 use crate::identify::problem::Problem;
-use crate::num::{Ctl, Stopped};
 use num_complex::Complex64;
 use std::sync::atomic::{AtomicU64, Ordering};
 

@@ -5,7 +5,9 @@
 //! calls [`Ctl::stop`], [`Ctl::progress`] and [`Ctl::bracket`]. There is no clock here: a deadline is somebody with a clock calling
 //! `stop(StopReason::Deadline)`.
 
-use super::bracket::Bracket;
+mod bracket;
+
+pub use bracket::Bracket;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

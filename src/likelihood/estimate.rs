@@ -2,8 +2,9 @@
 
 use super::likelihood::{Evaluation, Experiment};
 use super::noise::Noise;
+use crate::ctl::{Ctl, Stopped};
 use crate::num::least_squares::{self, LeastSquares, LeastSquaresError, Options};
-use crate::num::{Ctl, Stopped, rng};
+use crate::num::rng;
 use nalgebra::{DMatrix, DVector};
 
 /// The loop must have its poles within this radius.

@@ -9,9 +9,10 @@
 
 use super::responses::{LineResponse, UD, UR, YD, YR};
 use super::structure::{FeedbackLaw, FeedforwardLaw, Parameter, Person, RationalLaw};
+use crate::ctl::{Ctl, Stopped};
 use crate::num::distributions::{chi_square_cdf, student_t};
 use crate::num::least_squares::{LeastSquares, LeastSquaresError, Options, minimise};
-use crate::num::{Ctl, Stopped, rng};
+use crate::num::rng;
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 use rand::RngExt;

@@ -1,9 +1,9 @@
 //! The closed loop of a person with feedforward and feedback around a known plant.
 
-use super::simulate::{self, DelayLine, Hold, SimulationError};
-use super::stability;
-use super::time_base::{Continuous, Discrete, TimeBase};
-use super::transfer_function::{TransferFunction, TransferFunctionError};
+use crate::control::simulate::{self, DelayLine, Hold, SimulationError};
+use crate::control::stability;
+use crate::control::time_base::{Continuous, Discrete, TimeBase};
+use crate::control::transfer_function::{TransferFunction, TransferFunctionError};
 use crate::num::Polynomial;
 use crate::num::linalg::NoConvergence;
 use num_complex::Complex64;

@@ -18,10 +18,10 @@ use super::model::{LoopModel, put};
 use super::starts;
 use crate::control::lyapunov::Clock;
 use crate::control::parametric::{Differentiated, Matrices, ParametricModel, Realisation, Slope};
-use crate::control::person::{PlantModel, gain_names};
 use crate::control::{Continuous, Discrete, StateSpace};
 use crate::num::dual::{Dual, Real};
 use crate::num::rng::Stream;
+use crate::person::state_feedback::{PlantModel, gain_names};
 use nalgebra::{DMatrix, DVector};
 
 /// The predictor of a person's outputs; θ holds K row by row, L row by row, and the parameters of the plant.

@@ -4,7 +4,7 @@
 //! product has something to work on whose truth is known. The laws lie outside the model class that SSID fits (a delay, a
 //! preview), so a fit has honest misfit.
 
-use super::inverse::{ApproximateInverse, InverseError};
+use super::inverse_dynamics::{ApproximateInverse, InverseError};
 use crate::control::bode::log_grid;
 use crate::control::conversion::{self, ConversionError};
 use crate::control::discretise::{self, DiscretiseError};

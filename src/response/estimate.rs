@@ -8,7 +8,7 @@ use super::settings::{Channels, CheckedSettings, EndSample, FrequencySettings, R
 use super::spectrum::{direct_transform, grid_transform, line_power, prepare};
 use super::variance::{average, coherence, dark_lines, noise_power};
 use super::warnings::{EstimateWarning, is_periodic};
-use crate::num::Ctl;
+use crate::ctl::Ctl;
 use crate::trial::Trial;
 use num_complex::Complex64;
 use rayon::prelude::*;

@@ -13,7 +13,7 @@
 //! - *Left out*: the same, each trial predicted from the others of its group, residuals `r_i/(1 − h_i)`. What this loses against the ceiling before it
 //!   is the price of few trials, which a structure or a prior can pay back in part.
 
-use crate::identify::frequency::stimuli::{SegmentLines, StimulusLines};
+use crate::response::stimuli::{SegmentLines, StimulusLines};
 use num_complex::Complex64;
 
 /// Shares of the control and of the output.

@@ -1,9 +1,9 @@
 //! A simulated study: groups of simulated subjects, for the demonstration and the tests.
 
-use super::catalogue::Plant;
-use super::commands;
+use super::reference_signals;
 use super::subject::{SimulatedSubject, SubjectError};
 use crate::num::rng;
+use crate::plants::Plant;
 use crate::trial::Trial;
 use rand::RngExt;
 
@@ -62,7 +62,7 @@ impl SimulatedStudy {
         });
         Ok(Self {
             sample_time_s: Self::SAMPLE_TIME_S,
-            command: commands::chirp60(Self::SAMPLE_TIME_S),
+            command: reference_signals::chirp60(Self::SAMPLE_TIME_S),
             trials,
             groups: groups.collect::<Result<_, SubjectError>>()?,
         })

@@ -12,7 +12,7 @@
 //! 2. the residuals of segments,
 //! 3. the power on nearby lines without a stimulus.
 
-use crate::identify::frequency::stimuli::StimulusLines;
+use crate::response::stimuli::StimulusLines;
 use nalgebra::Matrix4;
 use num_complex::Complex64;
 

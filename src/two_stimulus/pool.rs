@@ -5,10 +5,10 @@
 //! numerator, as in [`crate::identify::problem`]. A feedback whose second sum alone exceeds the best J is passed over with all its feedforward
 //! denominators: exact, since the first sum is not negative. Ties go to the lowest index.
 
+use crate::ctl::{Bracket, Ctl, Stopped};
 use crate::identify::pool::{Candidate, Pool};
 use crate::identify::problem::Problem;
 use crate::identify::search::exact;
-use crate::num::{Bracket, Ctl, Stopped};
 use num_complex::Complex64;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};

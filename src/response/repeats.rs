@@ -3,7 +3,7 @@
 use super::error::FrequencyError;
 use super::estimate::{Estimate, estimate_between};
 use super::settings::{Bounds, Channels, CheckedSettings, FrequencySettings, Lines, Segments};
-use crate::num::Ctl;
+use crate::ctl::Ctl;
 use crate::trial::Trial;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};

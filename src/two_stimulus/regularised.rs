@@ -12,8 +12,8 @@
 
 use super::fit::Fitted;
 use super::responses::{UD, UR};
-use crate::identify::frequency::stimuli::StimulusLines;
-use crate::num::{Ctl, Stopped};
+use crate::ctl::{Ctl, Stopped};
+use crate::response::stimuli::StimulusLines;
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 use rayon::prelude::*;
@@ -199,14 +199,14 @@ fn samples(lines: &StimulusLines, groups: &[usize], fitted: &Fitted) -> Result<V
     let mut samples = Vec::new();
     for (trial, group) in groups.iter().enumerate() {
         let own: Vec<_> = lines.segments.iter().filter(|s| s.trial == trial).collect();
-        let power = |pick: &dyn Fn(&crate::identify::frequency::stimuli::SegmentLines) -> f64| -> f64 {
+        let power = |pick: &dyn Fn(&crate::response::stimuli::SegmentLines) -> f64| -> f64 {
             own.iter().map(|s| pick(s)).sum::<f64>() / own.len() as f64
         };
         let total_u = power(&|s| s.control.iter().map(Complex64::norm_sqr).sum());
         let total_y = power(&|s| s.output.iter().map(Complex64::norm_sqr).sum());
         for (k, omega) in lines.omega_rad_s.iter().enumerate() {
             let count = own.len() as f64;
-            let mean = |pick: &dyn Fn(&crate::identify::frequency::stimuli::SegmentLines) -> Complex64| -> Complex64 {
+            let mean = |pick: &dyn Fn(&crate::response::stimuli::SegmentLines) -> Complex64| -> Complex64 {
                 own.iter().map(|s| pick(s)).sum::<Complex64>() / count
             };
             let (r, d, u) = (mean(&|s| s.command[k]), mean(&|s| s.disturbance[k]), mean(&|s| s.control[k]));

@@ -10,7 +10,7 @@ use super::settings::{CheckedSettings, EndSample, Stimulus};
 use super::spectrum::{direct_transform, grid_transform, line_power, prepare};
 use super::variance::dark_lines;
 use super::warnings::{EstimateWarning, hertz, is_periodic};
-use crate::num::Ctl;
+use crate::ctl::Ctl;
 use crate::trial::Trial;
 use num_complex::Complex64;
 use rayon::prelude::*;

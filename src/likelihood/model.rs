@@ -3,9 +3,9 @@
 use super::starts;
 use crate::control::lyapunov::Clock;
 use crate::control::parametric::{Differentiated, ParametricModel};
-use crate::control::person::{PlantModel, StateFeedback};
 use crate::control::{Continuous, Discrete};
 use crate::num::rng::Stream;
+use crate::person::state_feedback::{PlantModel, StateFeedback};
 use nalgebra::DMatrix;
 
 /// A loop with unknown parameters, sampled.

@@ -2,7 +2,7 @@
 
 use super::segments::MIN_SAMPLES;
 use super::settings::{SettingsError, Stimulus};
-use crate::num::Stopped;
+use crate::ctl::Stopped;
 
 /// Why there is no estimate. Trials and segments count from 0 here, and from 1 in the texts.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
