@@ -20,15 +20,15 @@ use crate::response::{
     VarianceSource, estimate_between,
 };
 use crate::trial::Trial;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::ToSchema;
 
 /// Version of [`FrequencyResponseResult`].
 const RESULT_VERSION: u32 = 1;
 
 /// The spec: from which signal to which, and how.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct FrequencyResponseSpec {
     /// The input. Default: the command.
     pub input: Stimulus,
@@ -40,7 +40,7 @@ pub struct FrequencyResponseSpec {
 }
 
 /// A segment that was transformed.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SegmentResult {
     /// The trial, by its place in the request: `/inputs/trials/0`.
     pub trial: String,
@@ -53,7 +53,7 @@ pub struct SegmentResult {
 }
 
 /// The result; arrays are equally long, in increasing frequency. What does not exist is null, and a warning says why.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FrequencyResponseResult {
     /// Frequencies in Hz.
     pub frequency_hz: Vec<f64>,

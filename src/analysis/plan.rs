@@ -9,8 +9,8 @@ use super::{
 };
 use crate::control::Model;
 use crate::ctl::{Ctl, Stopped};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// A checked request: everything that can be checked without its inputs has been.
 #[derive(Debug, Clone)]
@@ -57,7 +57,7 @@ pub enum Failure {
 }
 
 /// The controllers of the best candidate that an unfinished search has found.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Incumbent {
     /// Gff.
     pub feedforward: Model,

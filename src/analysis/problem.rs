@@ -1,13 +1,13 @@
 //! What is wrong, where, why, and how to mend it.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use utoipa::ToSchema;
 
 /// What sort of problem it is, stable across versions; clients branch on this and never on the texts.
 ///
 /// Written in `snake_case`, as the last part of the problem's `type`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Code {
     /// The request cannot be read: broken JSON, CSV, multipart, gzip, header, query or path.
@@ -73,7 +73,7 @@ impl Code {
 }
 
 /// A problem, as RFC 9457 writes it (without the HTTP status, which only the API knows).
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Problem {
     /// What sort of problem: `urn:volition:problem:` and the code.
     #[serde(rename = "type")]

@@ -1,13 +1,13 @@
 //! What an analysis answers, and the proof of how it came about.
 
 use super::kind::Kind;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// Something that a scientist must read before using the result.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Warning {
     /// A stable name, in `snake_case`.
     pub code: String,
@@ -24,12 +24,12 @@ impl Warning {
 }
 
 /// Where a report comes from.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Provenance {
     /// Version of the program.
     pub product_version: String,
     /// The spec as used, with every default filled in.
-    #[schema(value_type = Object)]
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     pub spec: serde_json::Value,
     /// SHA-256 of that spec: reports with equal hashes were computed in the same way.
     pub spec_sha256: String,
@@ -48,7 +48,7 @@ pub struct Provenance {
 }
 
 /// What a search did to prove that its answer is the best.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Effort {
     /// Pairs of clusters of candidates that were bounded from below.
     pub pairs_bounded: u64,
@@ -61,14 +61,14 @@ pub struct Effort {
 }
 
 /// The answer to a [`Request`](super::Request).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Report {
     /// The kind of analysis.
     pub kind: Kind,
     /// Name and version of the result's form, such as `volition.ssid/1`.
     pub schema: String,
     /// The result; its form is documented with the kind.
-    #[schema(value_type = Object)]
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     pub result: serde_json::Value,
     /// What must be read before using it.
     pub warnings: Vec<Warning>,

@@ -16,14 +16,15 @@ use crate::store::{AnalysisFilter, AnalysisRecord, NewAnalysis, StoreError};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 use time::OffsetDateTime;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// An analysis: what was asked for and where it stands.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Analysis)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Analysis")]
 pub struct AnalysisView {
     id: AnalysisId,
     kind: Kind,
@@ -35,54 +36,51 @@ pub struct AnalysisView {
     cancel_requested: bool,
     /// What went wrong; only where the status is `failed`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
     problem: Option<Problem>,
     /// The study of its inputs; null where the request carries its data itself.
-    #[schema(required = true)]
     study: Option<StudyId>,
     /// The request with every default filled in. Lists leave it out.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
     request: Option<Request>,
     /// SHA-256 of the spec with every default filled in: equal for analyses done in the same way.
     spec_sha256: String,
     /// Counts changes, from 1.
     version: i64,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
     /// When the present or last attempt began.
     #[serde(with = "time::serde::rfc3339::option")]
-    #[schema(required = true)]
+    #[schemars(with = "Option<Timestamp>")]
     started_at: Option<OffsetDateTime>,
     #[serde(with = "time::serde::rfc3339::option")]
-    #[schema(required = true)]
+    #[schemars(with = "Option<Timestamp>")]
     finished_at: Option<OffsetDateTime>,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
     links: AnalysisLinks,
 }
 
 /// How far an analysis is, in units of its own choosing, as of the last word from its worker.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Progress)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Progress")]
 pub struct ProgressView {
     /// Units finished.
     done: u64,
     /// Units in all; 0 while that is not known.
     total: u64,
     /// Seconds left; null while that is not known.
-    #[schema(required = true)]
     eta_s: Option<f64>,
     /// How near the search for a best candidate is; only while it goes on, and where it was cancelled or its time has passed.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
     bracket: Option<BracketView>,
 }
 
 /// Between which two values the smallest cost of a pool lies. An analysis may search several pools, one after another; this is of
 /// the search under way, or of the last one.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Bracket)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Bracket")]
 pub struct BracketView {
     /// The smallest cost found so far.
     cost: f64,
@@ -94,7 +92,6 @@ pub struct BracketView {
     gap: f64,
     /// That candidate, where the search was stopped.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
     controllers: Option<Incumbent>,
 }
 
@@ -106,7 +103,7 @@ impl BracketView {
 }
 
 /// Where to go on from an analysis.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct AnalysisLinks {
     /// The analysis itself.
     #[serde(rename = "self")]

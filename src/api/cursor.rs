@@ -8,9 +8,10 @@ use crate::analysis::{Code, Problem};
 use crate::store::Page;
 use axum::http::{HeaderMap, HeaderValue, Uri, header};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 use uuid::Uuid;
 
 /// Rows of a page unless asked otherwise.
@@ -82,12 +83,11 @@ fn not_a_cursor() -> Problem {
 }
 
 /// One page of a list.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct List<T> {
     /// The rows, in the order in which they were made.
     pub items: Vec<T>,
     /// Where the next page starts; null on the last one.
-    #[schema(required = true)]
     pub next_cursor: Option<String>,
 }
 

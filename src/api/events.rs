@@ -11,10 +11,10 @@ use axum::extract::State;
 use axum::http::{HeaderValue, header};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::convert::Infallible;
 use std::time::Duration;
-use utoipa::ToSchema;
 
 /// How often the store is asked. Workers may be other processes, so nothing else could tell.
 const INTERVAL: Duration = Duration::from_millis(250);
@@ -23,13 +23,12 @@ const INTERVAL: Duration = Duration::from_millis(250);
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 /// An event of an analysis, as clients read it.
-#[derive(Debug, ToSchema)]
+#[derive(Debug, JsonSchema)]
 #[allow(dead_code, reason = "documents what is streamed")]
 pub struct AnalysisEvent {
     /// `status`, `progress` or `problem`.
     event: String,
     /// Version of the analysis; problems have none.
-    #[schema(nullable = false)]
     id: Option<String>,
     /// JSON: an Analysis, or a Problem.
     data: String,

@@ -8,12 +8,12 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse, Response};
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
-use utoipa::ToSchema;
 
 /// Upper bounds of the latency histogram, in seconds.
 const BUCKETS_S: [f64; 8] = [0.001, 0.005, 0.025, 0.1, 0.5, 2.5, 10.0, 60.0];
@@ -70,13 +70,13 @@ impl HttpTelemetry {
 }
 
 /// That the server lives.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize, JsonSchema)]
 pub struct Health {
     /// `ok`.
-    #[schema(example = "ok")]
+    #[schemars(example = &"ok")]
     status: &'static str,
     /// Version of the program.
-    #[schema(example = "0.1.0")]
+    #[schemars(example = &"0.1.0")]
     version: &'static str,
 }
 

@@ -16,14 +16,15 @@ use crate::store::{NewPlant, Plant};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use time::OffsetDateTime;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// A plant. Its model never changes: results were computed with it.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Plant)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Plant")]
 pub struct PlantView {
     id: PlantId,
     study: StudyId,
@@ -32,8 +33,10 @@ pub struct PlantView {
     /// Counts changes, from 1.
     version: i64,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
 }
 
@@ -45,35 +48,26 @@ impl From<Plant> for PlantView {
 }
 
 /// A plant to be made.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = NewPlant, example = json!({"name": "gm", "model": {"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}}))]
+#[schemars(rename = "NewPlant", example = json!({"name": "gm", "model": {"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}}))]
 pub struct NewPlantBody {
     /// Its name, unique within the study: not blank, without control characters.
-    #[schema(
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     name: String,
     /// Its model: a transfer function with coefficients in descending powers, or state space matrices.
-    #[schema(value_type = Model)]
+    #[schemars(with = "Model")]
     model: Value,
 }
 
 /// Changes to a plant.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = PlantPatch)]
+#[schemars(rename = "PlantPatch")]
 pub struct PlantPatchBody {
     /// A new name.
     #[serde(default, deserialize_with = "present")]
-    #[schema(
-        nullable = false,
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     name: Option<String>,
 }
 

@@ -7,8 +7,8 @@ use crate::analysis::{Code, Problem};
 use crate::store::StoreError;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// The media type of every problem.
 pub const PROBLEM_JSON: &str = "application/problem+json";
@@ -143,7 +143,7 @@ impl IntoResponse for ApiError {
 }
 
 /// A problem as it is written (RFC 9457).
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[schema(as = HttpProblem, example = json!({
     "type": "urn:volition:problem:invalid", "title": "unknown kind of analysis", "status": 422,
     "detail": "there is no kind 'sisd'", "instance": "urn:uuid:0199d2f4-7a3c-7bb0-8a41-2f6a7e1c9d10",
@@ -156,7 +156,7 @@ pub struct HttpProblem {
     /// What is wrong, in a few words.
     pub title: String,
     /// The HTTP status.
-    #[schema(minimum = 400, maximum = 599)]
+    #[schemars(range(min = 400, max = 599))]
     pub status: u16,
     /// Why it is wrong, with the values at hand.
     pub detail: String,
@@ -166,11 +166,9 @@ pub struct HttpProblem {
     pub code: Code,
     /// Where: a JSON pointer into the body (`/spec/pool`), a column and row, a query parameter, a header.
     #[serde(rename = "where", skip_serializing_if = "Option::is_none", default)]
-    #[schema(nullable = false)]
     pub location: Option<String>,
     /// How to mend it.
     #[serde(skip_serializing_if = "Option::is_none", default)]
-    #[schema(nullable = false)]
     pub mend: Option<String>,
 }
 

@@ -12,10 +12,11 @@ use axum::body::{Body, Bytes};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::{self, BufWriter, Write};
 use tokio::sync::mpsc;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// Bytes written at once.
 const CHUNK: usize = 64 << 10;
@@ -27,14 +28,13 @@ const CHUNKS_AHEAD: usize = 8;
 pub const SAMPLE_TIME: HeaderName = HeaderName::from_static("volition-sample-time-s");
 
 /// Columns of equal length.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = Signals)]
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "Signals")]
 #[allow(dead_code, reason = "documents what is streamed")]
 pub struct SignalsDocument {
     /// Time between samples, in seconds.
     sample_time_s: f64,
     /// Time in seconds, where it was recorded.
-    #[schema(nullable = false)]
     t: Option<Vec<f64>>,
     /// Command.
     r: Vec<f64>,
@@ -43,7 +43,6 @@ pub struct SignalsDocument {
     /// Output.
     y: Vec<f64>,
     /// Disturbance at the plant's input, where it was recorded.
-    #[schema(nullable = false)]
     d: Option<Vec<f64>>,
 }
 

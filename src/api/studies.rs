@@ -13,25 +13,27 @@ use crate::store::{Created, NewStudy, Study, StudyPatch};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// A study, the frame of everything else.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Study)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Study")]
 pub struct StudyView {
     id: StudyId,
     name: String,
     description: String,
     /// A trial whose |y| passes this is divergent; null where there is no limit.
-    #[schema(required = true)]
     display_limit: Option<f64>,
     /// Counts changes, from 1.
     version: i64,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
 }
 
@@ -43,48 +45,39 @@ impl From<Study> for StudyView {
 }
 
 /// A study to be made.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = NewStudy, example = json!({"name": "gm and gn", "display_limit": 5.0}))]
+#[schemars(rename = "NewStudy", example = json!({"name": "gm and gn", "display_limit": 5.0}))]
 pub struct NewStudyBody {
     /// Its name: not blank, without control characters.
-    #[schema(
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     name: String,
     /// What it is about.
     #[serde(default, deserialize_with = "or_default")]
-    #[schema(max_length = 20000, pattern = r"^[^\x00]*$")]
+    #[schemars(length(max = 20000), extend("pattern" = TEXT_PATTERN))]
     description: String,
     /// A trial whose |y| passes this is divergent. Null or absent: there is no limit.
     #[serde(default)]
-    #[schema(exclusive_minimum = 0)]
+    #[schemars(extend("exclusiveMinimum" = 0))]
     display_limit: Option<f64>,
 }
 
 /// Changes to a study; what is left out stays as it is.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = StudyPatch, example = json!({"display_limit": null}))]
+#[schemars(rename = "StudyPatch", example = json!({"display_limit": null}))]
 pub struct StudyPatchBody {
     /// A new name.
     #[serde(default, deserialize_with = "present")]
-    #[schema(
-        nullable = false,
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     name: Option<String>,
     /// A new description.
     #[serde(default, deserialize_with = "present")]
-    #[schema(nullable = false, max_length = 20000, pattern = r"^[^\x00]*$")]
+    #[schemars(length(max = 20000), extend("pattern" = TEXT_PATTERN))]
     description: Option<String>,
     /// A new limit; null removes it. Which trials are divergent follows at once.
     #[serde(default, deserialize_with = "present")]
-    #[schema(value_type = Option<f64>, exclusive_minimum = 0)]
+    #[schemars(with = "Option<f64>", extend("exclusiveMinimum" = 0))]
     display_limit: Option<Option<f64>>,
 }
 

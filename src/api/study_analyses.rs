@@ -16,25 +16,26 @@ use crate::store::{RunFilter, RunProgress, TrialFilter, TrialRecord};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// What to compute, and of which trials.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(example = json!({"kind": "ssid", "spec": {"pool": "zhang2015_appendix_b"}, "filter": {"group": "gm"}}))]
+#[schemars(example = json!({"kind": "ssid", "spec": {"pool": "zhang2015_appendix_b"}, "filter": {"group": "gm"}}))]
 pub struct BulkRequest {
     /// The kind; one that takes a single trial as its input.
-    #[schema(value_type = Kind)]
+    #[schemars(with = "Kind")]
     kind: String,
     /// How it is computed, for every trial alike.
     #[serde(default = "empty")]
-    #[schema(value_type = Object)]
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     spec: Value,
     /// Which trials; without it, all of the study.
     #[serde(default = "empty")]
-    #[schema(value_type = BulkFilter)]
+    #[schemars(with = "BulkFilter")]
     filter: Value,
 }
 
@@ -43,31 +44,31 @@ fn empty() -> Value {
 }
 
 /// Which trials of a study: those for which everything given holds.
-#[derive(Debug, Clone, Default, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BulkFilter {
     /// Of subjects of this group.
-    #[schema(max_length = 200)]
+    #[schemars(length(max = 200))]
     group: Option<String>,
     /// Of this subject.
     subject: Option<SubjectId>,
     /// On this plant.
     plant: Option<PlantId>,
     /// In this session.
-    #[schema(value_type = Option<i64>)]
+    #[schemars(with = "Option<i64>")]
     session: Option<Integer>,
     /// With this number or a greater one.
-    #[schema(value_type = Option<i64>)]
+    #[schemars(with = "Option<i64>")]
     number_from: Option<Integer>,
     /// With this number or a smaller one.
-    #[schema(value_type = Option<i64>)]
+    #[schemars(with = "Option<i64>")]
     number_to: Option<Integer>,
     /// Divergent trials too; they are skipped otherwise.
     include_divergent: bool,
 }
 
 /// What was queued: a run.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct BulkAnswer {
     /// How many analyses were queued.
     created: usize,
@@ -80,7 +81,7 @@ pub struct BulkAnswer {
 }
 
 /// An analysis that was queued.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct BulkAnalysis {
     /// The analysis.
     id: AnalysisId,
@@ -89,7 +90,7 @@ pub struct BulkAnalysis {
 }
 
 /// A trial that no analysis was queued for.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Skipped {
     /// The trial.
     trial: TrialId,
@@ -187,21 +188,20 @@ impl FromQuery for RunQuery {
 }
 
 /// How far the analyses of a study are.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct StudyProgress {
     /// Analyses that came to an end, whichever.
     done: u64,
     /// Analyses in all.
     total: u64,
     /// Seconds left, if it goes on as the latest did; null while none has succeeded or where nobody works on them.
-    #[schema(required = true)]
     eta_s: Option<f64>,
     /// How many there are in each status.
     analyses: StatusCounts,
 }
 
 /// How many analyses there are in each status.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, JsonSchema)]
 pub struct StatusCounts {
     queued: u64,
     running: u64,

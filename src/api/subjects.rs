@@ -15,30 +15,32 @@ use crate::store::{NewSubject, Subject, SubjectPatch};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use time::OffsetDateTime;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// A subject.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Subject)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Subject")]
 pub struct SubjectView {
     id: SubjectId,
     study: StudyId,
     /// Pseudonym, unique within the study.
     code: String,
     /// Group, where the subject is in one.
-    #[schema(required = true)]
     group: Option<String>,
     /// Free attributes.
-    #[schema(value_type = Object)]
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     attributes: Value,
     /// Counts changes, from 1.
     version: i64,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
 }
 
@@ -50,28 +52,20 @@ impl From<Subject> for SubjectView {
 }
 
 /// A subject to be made.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = NewSubject, example = json!({"code": "s07", "group": "gm", "attributes": {"handedness": "right"}}))]
+#[schemars(rename = "NewSubject", example = json!({"code": "s07", "group": "gm", "attributes": {"handedness": "right"}}))]
 pub struct NewSubjectBody {
     /// Pseudonym, unique within the study: not blank, without control characters. No names of people.
-    #[schema(
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     code: String,
     /// Group.
     #[serde(default)]
-    #[schema(
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     group: Option<String>,
     /// Free attributes, at most 64 KiB.
     #[serde(default = "empty", deserialize_with = "or_default")]
-    #[schema(value_type = Object)]
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     attributes: Value,
 }
 
@@ -80,26 +74,21 @@ fn empty() -> Value {
 }
 
 /// Changes to a subject; what is left out stays as it is.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = SubjectPatch, example = json!({"group": "gn"}))]
+#[schemars(rename = "SubjectPatch", example = json!({"group": "gn"}))]
 pub struct SubjectPatchBody {
     /// A new pseudonym.
     #[serde(default, deserialize_with = "present")]
-    #[schema(
-        nullable = false,
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     code: Option<String>,
     /// A new group; null takes the subject out of its group.
     #[serde(default, deserialize_with = "present")]
-    #[schema(value_type = Option<String>, min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$")]
+    #[schemars(with = "Option<String>", length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     group: Option<Option<String>>,
     /// New attributes, in place of all the old ones; null removes them.
     #[serde(default, deserialize_with = "present")]
-    #[schema(value_type = Option<Object>)]
+    #[schemars(with = "Option<serde_json::Map<String, serde_json::Value>>")]
     attributes: Option<Value>,
 }
 

@@ -14,17 +14,18 @@ use crate::store::{TrialPatch, TrialRecord};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use time::OffsetDateTime;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// Numbers and sessions stay exact in every JSON reader.
 pub const MAX_NUMBER: i64 = 1_000_000_000;
 
 /// A trial without its signals.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Trial)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Trial")]
 pub struct TrialView {
     /// Its id.
     pub id: TrialId,
@@ -35,7 +36,6 @@ pub struct TrialView {
     /// Its number, unique within subject and session.
     number: i64,
     /// Its session, where it has one.
-    #[schema(required = true)]
     session: Option<i64>,
     /// Time between samples, in seconds.
     sample_time_s: f64,
@@ -49,16 +49,18 @@ pub struct TrialView {
     /// Counts changes, from 1.
     version: i64,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
 }
 
 /// What was measured in the time domain.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct TrialMetrics {
     #[serde(flatten)]
-    #[schema(value_type = TimeDomainMetrics)]
+    #[schemars(with = "TimeDomainMetrics")]
     time_domain: Value,
     /// Whether |y| passed the display limit that the study has now.
     divergent: bool,
@@ -95,17 +97,17 @@ pub struct TrialPath {
 }
 
 /// Changes to a trial; what is left out stays as it is. The recording and its plant never change.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = TrialPatch, example = json!({"number": 4}))]
+#[schemars(rename = "TrialPatch", example = json!({"number": 4}))]
 pub struct TrialPatchBody {
     /// A new number.
     #[serde(default, deserialize_with = "present")]
-    #[schema(value_type = Option<i64>, nullable = false, minimum = 1, maximum = 1000000000)]
+    #[schemars(with = "Option<i64>", range(min = 1, max = 1000000000))]
     number: Option<Integer>,
     /// A new session; null takes the trial out of its session.
     #[serde(default, deserialize_with = "present")]
-    #[schema(value_type = Option<i64>, minimum = 0, maximum = 1000000000)]
+    #[schemars(with = "Option<i64>", range(min = 0, max = 1000000000))]
     session: Option<Option<Integer>>,
 }
 

@@ -10,14 +10,14 @@
 //! is what reproduces the printed γ_r²(5 Hz) = 0.3896 and γ_r²(10 Hz) = 0.1921.
 
 use super::spectrum::Spectrum;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Frequencies that differ by less than this share are one.
 const SAME: f64 = 1e-9;
 
 /// A frequency band: its upper end (from 0 Hz), or both ends, in Hz.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Band {
     /// From 0 Hz to this.

@@ -3,11 +3,11 @@
 use super::path::SampledPlant;
 use crate::control::discretise::{DiscretiseError, zero_order_hold_state_space};
 use nalgebra::DVector;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Peak and root mean square of one quantity.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Extent {
     /// The largest magnitude.
     pub peak: f64,
@@ -22,7 +22,7 @@ pub struct Extent {
 }
 
 /// Limits on peaks, in the units of the signals.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotionLimits {
     /// Of the position.
@@ -69,7 +69,7 @@ impl MotionLimits {
 }
 
 /// How velocity and acceleration were found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Derivatives {
     /// From the states of the plant in continuous time, exact at the samples, with the jumps of the acceleration from both sides.
@@ -79,7 +79,7 @@ pub enum Derivatives {
 }
 
 /// Peaks and root mean squares of a motion.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MotionSummary {
     /// Of the position; null where only a force is known, as are velocity and acceleration.
     pub position: Option<Extent>,

@@ -15,11 +15,11 @@ use crate::control::{
 use crate::num::linalg::NoConvergence;
 use crate::num::{Complex64, Polynomial};
 use crate::person::two_degrees_of_freedom::LoopError;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// How a plant in continuous time is seen by sampled signals.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Discretisation {
     /// Its input is held between samples: what a digital controller's output does.

@@ -8,9 +8,9 @@ use super::error::{Location, ReadError};
 use super::limits::Limits;
 use super::signals::{Channel, Signals, Trial};
 use super::{ReadTrial, TrialError};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::io::{BufRead, BufReader, Read};
-use utoipa::ToSchema;
 
 /// No line of numbers is longer; a header or an extra column with text may be long, but not endless.
 const MAX_LINE_BYTES: usize = 1024 * 1024;
@@ -21,7 +21,7 @@ const MAX_COLUMNS: usize = 10_000;
 /// The names of a file's columns, where they are not `t`, `r`, `u`, `y`, `d`: `{"command": "target_px"}`.
 ///
 /// A signal with a name here is looked for under exactly that name, and no longer under its letter.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ColumnMapping {
     /// Column of the time in seconds.

@@ -9,12 +9,12 @@ use crate::analysis::ssid::problems::check_plant;
 use crate::analysis::trial_input::parse_model;
 use crate::control::{Discrete, Model};
 use crate::excite::path::{Discretisation, SampledPlant};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::ToSchema;
 
 /// `P(s) = 1/(m s² + c s)` from force to position: the linear drive of a manipulandum.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MassDamper {
     /// m, kg.

@@ -19,10 +19,10 @@ use crate::excite::sequence::{
     CheckedSequence, Chirp, FilteredNoise, Generator, Multisine, Sequence, SequenceSpec, ShiftRegister,
 };
 use crate::trial::Channel;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// Samples in a request at most.
 const MAX_SAMPLES: usize = crate::excite::sequence::MAX_SAMPLES;
@@ -31,7 +31,7 @@ const MAX_SAMPLES: usize = crate::excite::sequence::MAX_SAMPLES;
 const TITLE: &str = "unusable signal";
 
 /// A column of a trial, by the letter that it has in files.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Column {
     /// Command.
@@ -56,7 +56,7 @@ impl Column {
 }
 
 /// Which part of a recording, and what was played.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Excerpt {
     /// Length of a period in seconds, a whole number of samples. Default: that of the generator, or the whole excerpt.
@@ -70,7 +70,7 @@ pub struct Excerpt {
     pub end_s: Option<f64>,
     /// What was played.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Object)]
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     pub generator: Option<Generator>,
 }
 

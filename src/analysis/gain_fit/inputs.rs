@@ -8,29 +8,29 @@ use crate::analysis::inverse::matrix;
 use crate::analysis::problem::Problem;
 use crate::analysis::report::sha256_json;
 use nalgebra::DMatrix;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// Trials at most.
 const MAX_TRIALS: usize = 1000;
 
 /// A trial in the request.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GainFitTrial {
     /// Time between samples in seconds, the same in all trials.
     pub sample_time_s: f64,
     /// What the experimenter did, held between samples: one row of q numbers per sample, or a plain list where q is 1.
-    #[schema(value_type = Vec<Vec<f64>>)]
+    #[schemars(with = "Vec<Vec<f64>>")]
     pub input: Value,
     /// What was measured: one row of p numbers per sample, or a plain list where p is 1.
-    #[schema(value_type = Vec<Vec<f64>>)]
+    #[schemars(with = "Vec<Vec<f64>>")]
     pub output: Value,
     /// What the person did, one row of m numbers per sample; only for `gain_and_filter`. Default: not recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<Vec<Vec<f64>>>)]
+    #[schemars(with = "Option<Vec<Vec<f64>>>")]
     pub control: Option<Value>,
     /// The state of the plant at the first sample, n numbers. Default: not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]

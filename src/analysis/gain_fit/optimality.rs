@@ -18,14 +18,14 @@ use crate::num::rng;
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use rand_distr::StandardNormal;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Condition numbers of the nearest optimal gain.
 const CONDITIONS: [f64; 3] = [1e2, 1e4, 1e6];
 
 /// A weight with its interval.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct WeightInterval {
     /// Of the estimate itself; null where that has no cost.
     pub estimate: Option<Vec<Vec<f64>>>,
@@ -36,7 +36,7 @@ pub struct WeightInterval {
 }
 
 /// The nearest optimal gain, in the metric of the estimate's own covariance.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct NearestOptimal {
     /// Q.
     pub q: Vec<Vec<f64>>,
@@ -54,7 +54,7 @@ pub struct NearestOptimal {
 }
 
 /// What the gains say about a cost.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct OptimalityResult {
     /// Of the estimate itself: `feasible`, `infeasible`, `boundary`, or `none` with the reason.
     pub verdict: String,

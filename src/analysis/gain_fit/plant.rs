@@ -9,10 +9,10 @@ use crate::person::state_feedback::{AffinePlant, Plant, PlantModel, Term};
 use crate::plants::seated_balance::{Drive, Output, Parameter, SeatedBalance, Structure, Values};
 use crate::plants::{ParametricPlant, SeatedBalance as Seated};
 use nalgebra::DMatrix;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// Entries of larger magnitude would overflow in products of a few matrices.
 pub(super) const LARGEST: f64 = 1e60;
@@ -22,7 +22,7 @@ const MAX_STATES: usize = 64;
 const MAX_PARAMETERS: usize = 40;
 
 /// A plant of the catalogue.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NamedPlant {
     /// Its name: `seated_balance`.
@@ -47,7 +47,7 @@ fn angles() -> Vec<Output> {
 }
 
 /// A parameter that a plant in the request is affine in.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlantParameter {
     /// Its name.
@@ -75,7 +75,7 @@ pub struct PlantParameter {
 }
 
 /// A plant as matrices, `x⁺ = Ax + Bu + Ew`, `y = Cx + Du + Fw`, with `u = −Kx`; w is what the experimenter does.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MatrixPlant {
     /// A, n×n.

@@ -1,11 +1,11 @@
 //! The result of a fit.
 
 use super::optimality::OptimalityResult;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// A parameter of the fit.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FittedParameterResult {
     /// Its name.
     pub name: String,
@@ -22,7 +22,7 @@ pub struct FittedParameterResult {
 }
 
 /// What shows that the search has arrived.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FitConvergenceResult {
     /// Whether the projected gradient is zero to its tolerance: the remaining step is below 0.01 standard errors.
     pub converged: bool,
@@ -47,7 +47,7 @@ pub struct FitConvergenceResult {
 }
 
 /// An output, and how well it is explained.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FittedOutputResult {
     /// Standard deviation of the noise.
     pub noise_sd: f64,
@@ -62,7 +62,7 @@ pub struct FittedOutputResult {
 }
 
 /// What the data determine worst.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GainIdentifiabilityResult {
     /// Whether all parameters are determined.
     pub identifiable: bool,
@@ -73,7 +73,7 @@ pub struct GainIdentifiabilityResult {
 }
 
 /// What `inverse_lqr` takes, at the estimate.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct InverseInputsResult {
     /// A.
     pub a: Vec<Vec<f64>>,
@@ -94,7 +94,7 @@ pub struct InverseInputsResult {
 }
 
 /// What `inverse_lqg` takes, at the estimate; all in sampled time.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct InverseLqgInputsResult {
     /// A.
     pub a: Vec<Vec<f64>>,
@@ -115,7 +115,7 @@ pub struct InverseLqgInputsResult {
 }
 
 /// The result of `gain_fit`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GainFitResult {
     /// K, m×n.
     pub k: Vec<Vec<f64>>,

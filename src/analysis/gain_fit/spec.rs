@@ -4,10 +4,10 @@ use super::problems::wrong_spec as wrong;
 use crate::analysis::inverse::{InverseSpec, PortWeight, StateWeight, WeightName, matrix};
 use crate::analysis::problem::Problem;
 use crate::likelihood::Noise;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// Orders of the Padé approximation at most.
 const MAX_ORDER: usize = 10;
@@ -16,7 +16,7 @@ const MAX_DRAWS: usize = 10_000;
 const MAX_CLIMBS: usize = 100;
 
 /// What is estimated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GainFitWanted {
     /// K of `u = −Kx`, from responses of the closed loop.
@@ -26,7 +26,7 @@ pub enum GainFitWanted {
 }
 
 /// What is known of the covariance of the noise.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum NoiseSpec {
     /// `full` (any covariance), `diagonal` (independent outputs) or `scalar` (one variance).
@@ -39,7 +39,7 @@ pub enum NoiseSpec {
 }
 
 /// A form of the covariance.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NoiseName {
     /// Any covariance.
@@ -51,7 +51,7 @@ pub enum NoiseName {
 }
 
 /// What the trials start from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum InitialState {
     /// At rest.
@@ -63,7 +63,7 @@ pub enum InitialState {
 }
 
 /// A delay between state and control, as a Padé approximation.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PersonDelaySpec {
     /// Order of the approximation. Default: 5.
@@ -79,7 +79,7 @@ fn five() -> usize {
 }
 
 /// A first-order lag of the muscle.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PersonLagSpec {
     /// The time constant where it is known; null for a parameter `t_w` of the fit. Default: null.
@@ -88,7 +88,7 @@ pub struct PersonLagSpec {
 }
 
 /// The question put to the gains that were found: for which cost are they optimal?
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OptimalitySpec {
     /// Q: `"full"`, `"diagonal"` or `{"pattern": [[true, ..], ..]}`. Default: full.
@@ -125,7 +125,7 @@ impl OptimalitySpec {
 }
 
 /// The spec of `gain_fit`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct GainFitSpec {
     /// `gain` (default) or `gain_and_filter`.

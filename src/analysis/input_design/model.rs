@@ -9,10 +9,10 @@ use crate::num::expression::Expression;
 use crate::plants::head_neck::{Axis, HeadNeck};
 use crate::plants::seated_balance::SeatedBalance;
 use nalgebra::{DMatrix, DVector};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// States, outputs, inputs and free parameters at most.
 const MOST: [(&str, usize); 4] = [("states", 40), ("outputs", 12), ("inputs", 12), ("free parameters", 40)];
@@ -20,7 +20,7 @@ const MOST: [(&str, usize); 4] = [("states", 40), ("outputs", 12), ("inputs", 12
 pub(super) const LARGEST: f64 = 1e60;
 
 /// Names of a model of the catalogue.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ModelName {
     /// Seated balance on a robot's seat (Priess 2015, chapter 5); the input is the torque on the seat, N m.
@@ -44,7 +44,7 @@ pub enum ModelName {
 }
 
 /// A model of the catalogue.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NamedModel {
     /// Its name.
@@ -68,7 +68,7 @@ pub struct NamedModel {
 }
 
 /// A parameter of a model in the request.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelParameter {
     /// Its name, as formulas call it.
@@ -91,7 +91,7 @@ fn yes() -> bool {
 }
 
 /// An entry of a matrix: a number, or a formula in the parameters such as `"-(k + k_h)/m"`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Entry {
     /// A number.
@@ -101,7 +101,7 @@ pub enum Entry {
 }
 
 /// A model in the request: `x⁺ = Ax + Bu`, `y = Cx + Du`, `x(0) = x₀`, with entries that are formulas in the parameters.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FormulaModel {
     /// The parameters.
@@ -127,7 +127,7 @@ pub struct FormulaModel {
 }
 
 /// A model as written.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum ModelInput {
     /// Of the catalogue.

@@ -1,11 +1,11 @@
 //! What the design came to.
 
 use crate::excite::design::Criterion;
+use schemars::JsonSchema;
 use serde::Serialize;
-use utoipa::ToSchema;
 
 /// The result of `input_design`.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct InputDesignResult {
     /// What was made large.
     pub criterion: Criterion,
@@ -39,7 +39,7 @@ pub struct InputDesignResult {
 }
 
 /// A start and what became of it.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct StartResult {
     /// By what its samples were scaled to fit; 1 where they fit as they are.
     pub scale: f64,
@@ -60,7 +60,7 @@ pub struct StartResult {
 }
 
 /// A parameter and how well the experiment tells it.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct ParameterResult {
     /// Its name.
     pub name: String,
@@ -77,7 +77,7 @@ pub struct ParameterResult {
 }
 
 /// A Fisher matrix.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct InformationResult {
     /// In the units of the parameters, rows.
     pub matrix: Vec<Vec<f64>>,
@@ -90,7 +90,7 @@ pub struct InformationResult {
 }
 
 /// A limit and what the best input uses of it.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct LimitResult {
     /// What is limited.
     pub name: String,
@@ -105,7 +105,7 @@ pub struct LimitResult {
 }
 
 /// A signal with both inputs.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct SignalResult {
     /// `input`, or the output's name.
     pub name: String,
@@ -116,7 +116,7 @@ pub struct SignalResult {
 }
 
 /// What the last linear program proves.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct DesignProof {
     /// The growth of the criterion, to first order, of the best further step of the size `trust_region` from the best input.
     pub first_order_gain: f64,
@@ -134,7 +134,7 @@ pub struct DesignProof {
 }
 
 /// Simulated records, fitted anew.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct MonteCarloResult {
     /// Records of each input.
     pub replicates: usize,
@@ -149,7 +149,7 @@ pub struct MonteCarloResult {
 }
 
 /// What the records say of one parameter.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct MonteCarloParameter {
     /// Its name.
     pub name: String,

@@ -6,10 +6,10 @@ use crate::analysis::inverse::matrix;
 use crate::analysis::problem::{Code, Problem};
 use crate::excite::design::Criterion;
 use nalgebra::DMatrix;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// Samples at most.
 pub(super) const MAX_SAMPLES: usize = 2_000;
@@ -19,7 +19,7 @@ const MAX_REPLICATES: usize = 2_000;
 const MAX_STEPS: usize = 2_000;
 
 /// A largest magnitude, or a range.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Limit {
     /// The largest magnitude.
@@ -38,7 +38,7 @@ impl Limit {
 }
 
 /// A limit on the difference of two outputs.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DifferenceLimit {
     /// The outputs: the first less the second.
@@ -48,7 +48,7 @@ pub struct DifferenceLimit {
 }
 
 /// How predictable the input may be: its normalised autocorrelation stays within `tolerance` of a reference at the lags 1 to `lags`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AutocorrelationSpec {
     /// β. Default: 0.16.
@@ -70,7 +70,7 @@ fn tolerance() -> f64 {
 }
 
 /// What the input must keep to.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LimitsSpec {
     /// On every sample of the input.
@@ -90,7 +90,7 @@ pub struct LimitsSpec {
 }
 
 /// Simulated records that are fitted anew, to check the predicted standard deviations.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MonteCarloSpec {
     /// Records, of each of the two inputs. Default: 100.
@@ -109,7 +109,7 @@ fn seed() -> u64 {
 }
 
 /// The spec of `input_design`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InputDesignSpec {
     /// Length of the record in samples, N: 10 to 2,000.

@@ -6,15 +6,15 @@ use super::wrong;
 use crate::analysis::problem::Problem;
 use crate::ctl::Ctl;
 use crate::excite::sequence::{CheckedSequence, SequenceError, SequenceSpec};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::ToSchema;
 
 /// Starts at most.
 const MOST: usize = 20;
 
 /// A start: samples, or a sequence to be made with the design's sample time. A longer one is cut, a periodic shorter one repeated.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum StartInput {
     /// N samples.
@@ -24,7 +24,7 @@ pub enum StartInput {
 }
 
 /// The inputs of `input_design`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InputDesignInputs {
     /// The model.

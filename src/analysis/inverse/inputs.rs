@@ -8,9 +8,9 @@ use crate::control::riccati::SYMMETRY;
 use crate::inverse::Gains;
 use crate::inverse::gains::LARGEST_ENTRY;
 use nalgebra::DMatrix;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
-use utoipa::ToSchema;
 
 /// Rows of a trajectory at most.
 const MAX_SAMPLES: usize = 100_000;
@@ -19,7 +19,7 @@ const MAX_SAMPLES: usize = 100_000;
 const PRINTED: f64 = 1e-3;
 
 /// A recorded trajectory, along which the cost is shared out: rows are samples, equally spaced in time.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Trajectory {
     /// States, one row of n numbers per sample.
@@ -30,7 +30,7 @@ pub struct Trajectory {
 
 /// The weights of another subject or session, to compare with up to the free scale: q and r of a regulator, w and v of a filter, both of a whole
 /// controller. All are symmetric, q and w positive semidefinite, r and v positive definite.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Comparand {
     /// Q, n×n.

@@ -8,14 +8,14 @@ use crate::inverse::lqr::Weights;
 use crate::inverse::reading::{self, Axis, Comparison, Shares};
 use crate::inverse::{Gains, InverseLqr, Role, Verdict};
 use nalgebra::DMatrix;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Components of an axis below this are left out of its words.
 const WORTH_SAYING: f64 = 0.05;
 
 /// Kalman's inequality over frequency.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ReturnDifferenceResult {
     /// The least eigenvalue of `R^(−1/2) (T*RT − R) R^(−1/2)` with `T = I + K(jωI − A)⁻¹B` (in sampled time with R + BᵀPB); not negative for
     /// an optimal gain, and tending to 0 at high frequency in continuous time.
@@ -25,7 +25,7 @@ pub struct ReturnDifferenceResult {
 }
 
 /// What shows that the weights belong to the gain.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ProofResult {
     /// `‖BᵀP − RK‖/‖RK‖`, in sampled time `‖BᵀPA − (BᵀPB + R)K‖/‖(BᵀPB + R)K‖`.
     pub gain_residual: f64,
@@ -42,7 +42,7 @@ pub struct ProofResult {
 }
 
 /// A principal axis.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AxisResult {
     /// What a unit along it costs.
     pub weight: f64,
@@ -55,7 +55,7 @@ pub struct AxisResult {
 }
 
 /// Shares of the cost; they sum to 1.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SharesResult {
     /// Of each state.
     pub states: Vec<f64>,
@@ -64,7 +64,7 @@ pub struct SharesResult {
 }
 
 /// Another cost beside this one.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ComparisonResult {
     /// The factor on the other cost that brings it nearest to this one.
     pub scale: f64,
@@ -83,7 +83,7 @@ pub struct ComparisonResult {
 }
 
 /// What a state is worth.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct EquivalentResult {
     /// The state.
     pub state: String,
@@ -94,7 +94,7 @@ pub struct EquivalentResult {
 }
 
 /// What the weights mean.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ReadingResult {
     /// Q on the scale on which R has the mean eigenvalue 1.
     pub normalised_q: Vec<Vec<f64>>,
@@ -125,7 +125,7 @@ pub struct ReadingResult {
 }
 
 /// The best fit under one condition number.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FitPointResult {
     /// κ.
     pub condition_number: f64,
@@ -140,7 +140,7 @@ pub struct FitPointResult {
 }
 
 /// The nearest optimal gain, where this one is optimal for no cost.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FitResult {
     /// Q under the largest condition number.
     pub q: Vec<Vec<f64>>,
@@ -170,7 +170,7 @@ pub struct FitResult {
 }
 
 /// A cost `xᵀQx + 2xᵀSu + uᵀRu` for which the gain is optimal.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CrossTermResult {
     /// Q, n×n.
     pub q: Vec<Vec<f64>>,
@@ -181,7 +181,7 @@ pub struct CrossTermResult {
 }
 
 /// Where the descent of Priess 2015, Table 3.1, ended. It promises no minimum: the fit beside it is usually nearer.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DescentResult {
     /// Q.
     pub q: Vec<Vec<f64>>,
@@ -201,7 +201,7 @@ pub struct DescentResult {
 
 /// The result of `inverse_lqr`; of `inverse_lqe` with w, v, h and l in place of q, r, p and k. `inverse_lqg` has both as `regulator` and
 /// `filter`, with q, r, w, v and the verdict on both beside them.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct InverseLqrResult {
     /// `feasible`, `infeasible` or `boundary`.
     pub verdict: String,

@@ -7,9 +7,9 @@ use crate::analysis::problem::{Code, Problem};
 use crate::inverse::fit::FitSettings;
 use crate::inverse::{Gains, QSign, Structure};
 use nalgebra::DMatrix;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::ToSchema;
 
 /// Condition numbers of a fit at most.
 const MAX_POINTS: usize = 20;
@@ -19,7 +19,7 @@ const MAX_STEPS: usize = 100_000;
 const MAX_STARTS: usize = 100;
 
 /// What is known of the weight on the states: Q of a regulator, W of a filter.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum StateWeight {
     /// `full` or `diagonal`.
@@ -32,7 +32,7 @@ pub enum StateWeight {
 }
 
 /// A shape of a weight.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WeightName {
     /// Any symmetric matrix.
@@ -42,7 +42,7 @@ pub enum WeightName {
 }
 
 /// What is known of the weight on the inputs: R of a regulator, or V, on the outputs of a filter.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum PortWeight {
     /// `full` or `diagonal`.
@@ -60,7 +60,7 @@ pub enum PortWeight {
 }
 
 /// How weights are fitted where none make the gain optimal.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FitSpec {
     /// Condition numbers κ of `I ⪯ blkdiag(Q, R) ⪯ κI`, increasing, each above 1. Default: 10 to 1e8 by tens.
@@ -79,7 +79,7 @@ pub struct FitSpec {
 }
 
 /// The thesis' own descent.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DescentSpec {
     /// λ, the length of a step over the gradient.
@@ -92,7 +92,7 @@ pub struct DescentSpec {
 }
 
 /// Where the descent starts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DescentStart {
     /// Q and R are the identity.
@@ -116,7 +116,7 @@ impl Default for FitSpec {
 }
 
 /// The spec of `inverse_lqr` and `inverse_lqe`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InverseSpec {
     /// Q, or W: `"full"`, `"diagonal"` or `{"pattern": [[true, ..], ..]}`. Default: full.
@@ -141,7 +141,7 @@ impl Default for InverseSpec {
 }
 
 /// The spec of `inverse_lqg`.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InverseLqgSpec {
     /// For K.

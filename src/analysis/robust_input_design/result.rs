@@ -3,11 +3,11 @@
 use super::spec::SubjectSpec;
 use crate::excite::robust::Trace;
 use crate::plants::head_neck::Axis;
+use schemars::JsonSchema;
 use serde::Serialize;
-use utoipa::ToSchema;
 
 /// The result of `robust_input_design`.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct RobustInputDesignResult {
     /// About which axis the head turns.
     pub axis: Axis,
@@ -34,7 +34,7 @@ pub struct RobustInputDesignResult {
 }
 
 /// An experiment.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct DesignResult {
     /// Edge of the target's pass band, Hz.
     pub edge_hz: f64,
@@ -45,7 +45,7 @@ pub struct DesignResult {
     /// The worst subjects found, the worst first.
     pub worst_subjects: Vec<SubjectCost>,
     /// The target as a sequence, to be made again or played elsewhere.
-    #[schema(value_type = Object)]
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     pub target: serde_json::Value,
     /// Its samples, rad.
     pub samples: Vec<f64>,
@@ -54,7 +54,7 @@ pub struct DesignResult {
 }
 
 /// A subject and its cost.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct SubjectCost {
     /// The controller.
     pub subject: SubjectSpec,
@@ -69,7 +69,7 @@ impl SubjectCost {
 }
 
 /// The worst subject's cost with fresh draws.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct FreshResult {
     /// The subject: the worst, with these draws, of those that the search found worst.
     pub subject: SubjectSpec,
@@ -86,7 +86,7 @@ pub struct FreshResult {
 }
 
 /// Means over the draws.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct CostParts {
     /// Squared relative errors of the fitted parameters.
     pub error: f64,
@@ -99,7 +99,7 @@ pub struct CostParts {
 }
 
 /// The nominal experiment's worst cost less the robust one's, draw by draw.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct DifferenceResult {
     /// Mean.
     pub mean: f64,
@@ -112,7 +112,7 @@ pub struct DifferenceResult {
 }
 
 /// An iteration of the min-max.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct IterationResult {
     /// The subject, on its way to the worst.
     pub subject: SubjectSpec,

@@ -5,9 +5,9 @@ use crate::analysis::problem::{Code, Problem};
 use crate::control::Discrete;
 use crate::excite::robust::{GAMMA, Setting, THETA};
 use crate::plants::head_neck::{Axis, DERIVATIVE_FILTER_S, MUSCLE_LAG_S, Population};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use utoipa::ToSchema;
 
 /// Samples of a record, draws, iterations and rounds at most.
 const MAX_SAMPLES: usize = 20_000;
@@ -18,7 +18,7 @@ const MAX_ROUNDS: usize = 20;
 const MAX_WORK: u64 = 20_000_000_000;
 
 /// Ranges of the controller's parameters that differ from the tables'.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerRanges {
     /// K_p, N m/rad.
@@ -36,7 +36,7 @@ pub struct ControllerRanges {
 }
 
 /// What differs from Tables 2.1 to 2.4 and the weights of §2.2.3.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PopulationInput {
     /// Ranges of the controller's parameters.
@@ -68,7 +68,7 @@ pub struct PopulationInput {
 }
 
 /// The inputs of `robust_input_design`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RobustInputDesignInputs {
     /// About which axis the head turns: which of the tables.
@@ -79,7 +79,7 @@ pub struct RobustInputDesignInputs {
 }
 
 /// A subject's controller.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SubjectSpec {
     /// K_p.
@@ -99,7 +99,7 @@ impl From<[f64; 4]> for SubjectSpec {
 }
 
 /// Which experiments are considered.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExperimentSpec {
     /// Least and largest edge of the target's pass band, Hz. Default: 0.1 to 2.
@@ -133,7 +133,7 @@ impl Default for ExperimentSpec {
 }
 
 /// The spec of `robust_input_design`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RobustInputDesignSpec {
     /// Which experiments are considered.

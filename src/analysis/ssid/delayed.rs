@@ -10,11 +10,11 @@ use crate::identify::pool::PoolError;
 use crate::identify::search::Search;
 use crate::identify::ssid::{Settings, SsidError};
 use crate::response::FrequencyData;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// The best candidate at a pair of delays.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DelayedPoint {
     /// Delay of the feedback in seconds.
     pub feedback_delay_s: f64,
@@ -42,7 +42,7 @@ pub struct DelayedPoint {
 ///
 /// In continuous time its members are those of the pool without delay that are stable with the delay itself too; in sampled time those that
 /// are stable with the delay.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DelayedPool {
     /// Pair by pair, the feedforward's delays innermost.
     pub points: Vec<DelayedPoint>,

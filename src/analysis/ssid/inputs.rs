@@ -6,12 +6,12 @@ use crate::analysis::reading::{self, FittedTrials};
 use crate::control::Model;
 use crate::response::FrequencyData;
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::ToSchema;
 
 /// Frequency data in a request: the closed loop's response from command to output.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FrequencyResponseInput {
     /// Angular frequencies in rad/s, not negative, increasing.

@@ -11,15 +11,15 @@ use crate::identify::refine::Delays;
 use crate::identify::search::Method;
 use crate::identify::ssid::Weights;
 use crate::response::{CheckedSettings, FrequencySettings};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
-use utoipa::ToSchema;
 
 /// Candidates searched where the spec does not say otherwise.
 const MAX_CANDIDATES: [u64; 2] = [1_000_000_000_000, 2_000_000_000];
 
 /// The spec.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct SsidSpec {
     /// The candidate pool.
     pub pool: PoolSpec,

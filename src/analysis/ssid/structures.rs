@@ -10,8 +10,8 @@ use crate::identify::refine::{Criteria, RefineError, Refinement, Setup, Start};
 use crate::identify::search::{Automatic, Shared};
 use crate::identify::ssid::{Settings, SsidError, Weights, identify};
 use crate::response::{FrequencyData, RepeatKind, Repeats};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Structures of one comparison at most.
 pub(super) const MAX_STRUCTURES: usize = 24;
@@ -20,7 +20,7 @@ pub(super) const MAX_STRUCTURES: usize = 24;
 const MANY_DEGREES: f64 = 30.0;
 
 /// Degrees of a structure; what is left out is as in the spec itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StructureSpec {
     /// Degree of the feedforward numerator.
@@ -38,7 +38,7 @@ pub struct StructureSpec {
 }
 
 /// The likelihood of a comparison.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Likelihood {
     /// Circular complex Gaussian noise with the variance known at each line; lines weighted by its inverse.
@@ -48,7 +48,7 @@ pub enum Likelihood {
 }
 
 /// A structure's row.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StructureRow {
     /// Its degrees: feedforward numerator and denominator, feedback numerator and denominator.
     pub degrees: [usize; 4],
@@ -61,7 +61,7 @@ pub struct StructureRow {
 }
 
 /// The comparison. The main answer keeps the structure of the spec, whatever is chosen here.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StructureComparison {
     /// The likelihood behind AIC and BIC.
     pub likelihood: Likelihood,

@@ -6,15 +6,15 @@ use crate::control::MultivariableModel;
 use crate::identify::mimo::MatrixFrequencyData;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use utoipa::ToSchema;
 
 /// Rows and columns of a response at most.
 const MAX_CHANNELS: usize = 16;
 
 /// The inputs of the multivariable form of `ssid`.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct SsidMimoInputs {
     /// The known plant, from the controls to all of its outputs.
     pub plant: MultivariableModel,
@@ -29,7 +29,7 @@ pub struct SsidMimoInputs {
 }
 
 /// Matrices of frequency data in a request.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MatrixFrequencyResponseInput {
     /// Angular frequencies in rad/s, not negative, increasing.

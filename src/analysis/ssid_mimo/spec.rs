@@ -5,9 +5,9 @@ use crate::analysis::reading::{self, wrong_spec as wrong};
 use crate::identify::mimo::FeedbackPool;
 use crate::identify::pool::spec::Axis;
 use crate::identify::ssid::Weights;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use utoipa::ToSchema;
 
 /// Candidates tried where the spec does not say otherwise.
 const MAX_CANDIDATES: u64 = 500_000_000;
@@ -19,7 +19,7 @@ const FEEDFORWARD_ORDER: usize = 2;
 const MAX_ORDER: usize = 200;
 
 /// The spec of the multivariable form of `ssid`.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct SsidMimoSpec {
     /// The candidate feedback controllers.
     pub pool: MatrixPoolSpec,
@@ -35,7 +35,7 @@ pub struct SsidMimoSpec {
 }
 
 /// A pool of feedback controllers with several inputs and outputs.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MatrixPoolSpec {
     /// The grids.
@@ -49,15 +49,15 @@ pub struct MatrixPoolSpec {
 ///
 /// Candidates are counted row by row, the first coefficient outermost: in a row the entries of the numerator from left to right,
 /// then those of the denominator.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MatrixGrid {
     /// Nfb, controls by fed-back outputs; each entry the axes of its coefficients. An entry without axes is 0.
-    #[schema(value_type = Vec<Vec<Vec<Axis>>>)]
+    #[schemars(with = "Vec<Vec<Vec<Axis>>>")]
     pub feedback_numerator: Vec<Vec<Vec<Axis>>>,
     /// Dfb, controls by controls. A diagonal entry holds the axes of `z^d`'s lower coefficients (d axes), the others of their row at
     /// most as many. Default: the identity, which makes the feedback a matrix of gains.
-    #[schema(value_type = Option<Vec<Vec<Vec<Axis>>>>)]
+    #[schemars(with = "Option<Vec<Vec<Vec<Axis>>>>")]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub feedback_denominator: Option<Vec<Vec<Vec<Axis>>>>,
 }

@@ -4,12 +4,12 @@ use crate::analysis::inputs::References;
 use crate::analysis::problem::Problem;
 use crate::analysis::reading::{self, FittedTrials};
 use crate::control::Model;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::ToSchema;
 
 /// The loop's responses to both stimuli, in a request.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StimulusResponsesInput {
     /// Angular frequencies in rad/s, positive, increasing.

@@ -12,11 +12,11 @@ use crate::identify::time::Time;
 use crate::two_stimulus::pool::{DisturbanceLine, PoolSearchError, search};
 use crate::two_stimulus::responses::{LineResponse, YD, YR};
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// The best candidate of a pool.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PoolResult {
     /// Gff.
     pub feedforward: Model,

@@ -7,9 +7,9 @@ use crate::identify::pool::{Degrees, PoolSpec, Recipe};
 use crate::response::{CheckedSettings, FrequencySettings};
 use crate::two_stimulus::fit::Channel;
 use crate::two_stimulus::structure::Structure;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use utoipa::ToSchema;
 
 /// Structures fitted at most, and starts of each.
 const MOST_STRUCTURES: usize = 20;
@@ -19,7 +19,7 @@ const MOST_STARTS: usize = 200;
 const MAX_CANDIDATES: u64 = 100_000_000;
 
 /// The spec.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct TwoStimulusSpec {
     /// The structures that are fitted. Default: McRuer's ladder, that is error feedback with lead, lag and delay; the same with feedforward by
     /// the plant's inverse with gain, lag and delay; the same with a neuromuscular lag. An empty list fits none.

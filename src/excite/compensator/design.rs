@@ -6,12 +6,12 @@ use crate::excite::motion::{Motion, MotionLimits, MotionSummary};
 use crate::excite::path::{Path, PathError, SampledPlant, pole_hints};
 use crate::excite::peak::{Peak, resonance, supremum};
 use crate::num::{Complex64, Polynomial};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
-use utoipa::ToSchema;
 
 /// `C(s) = K (s + 2πf_z)/(s + 2πf_p)`: a lead where f_z < f_p, a lag where f_z > f_p, proportional where they are equal.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Compensator {
     /// K, in force per position: the gain at high frequency.
     pub gain: f64,
@@ -51,7 +51,7 @@ impl Compensator {
 }
 
 /// What a design must keep beside stability.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DesignLimits {
     /// Peak of the position.

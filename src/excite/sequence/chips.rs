@@ -6,13 +6,13 @@ use super::sampled::{Period, Sequence, whole};
 use crate::ctl::Ctl;
 use crate::num::rng::stream;
 use rand::RngExt;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// What a signal does between the chips.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ChipHold {
     /// It keeps the chip's value (zero-order hold).
@@ -25,7 +25,7 @@ pub enum ChipHold {
 }
 
 /// Which primitive polynomial.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Polynomial {
     /// Its place, from 0, among all of its order, in lexicographic order of the coefficients c₀, c₁, ….
@@ -35,7 +35,7 @@ pub enum Polynomial {
 }
 
 /// A PRTS or a PRBS as written in JSON.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ShiftRegister {
     /// Length n of the shift register: 3ⁿ − 1 (2 to 12) or 2ⁿ − 1 chips (2 to 20).

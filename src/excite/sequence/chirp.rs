@@ -3,13 +3,13 @@
 use super::error::SequenceError;
 use super::sampled::Sequence;
 use crate::simulate::reference_signals;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
-use utoipa::ToSchema;
 
 /// A chirp of a published study.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum ChirpPreset {
     /// [`reference_signals::chirp80_at`]: 80 s, up from 0.1 Hz and down again with shrinking and growing amplitude.
     #[serde(rename = "zhang2015_section_3_2")]
@@ -20,7 +20,7 @@ pub enum ChirpPreset {
 }
 
 /// How the frequency goes from one end to the other.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Sweep {
     /// In equal steps: `f(t) = f₀ + (f₁ − f₀) t/D`.
@@ -31,7 +31,7 @@ pub enum Sweep {
 }
 
 /// A chirp as written in JSON: a preset, or `x(t) = A sin(2π ∫₀ᵗ f + φ)` for t in [0, D].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Chirp {
     /// A published chirp, in place of everything below.

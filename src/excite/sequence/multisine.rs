@@ -9,11 +9,11 @@ use crate::num::least_squares::{LeastSquares, LeastSquaresError, Options, minimi
 use crate::num::rng::stream;
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
-use utoipa::ToSchema;
 
 /// Lines of a multisine at most.
 const MAX_LINES: usize = 1_000;
@@ -31,7 +31,7 @@ const POLISHED_LINES: usize = 64;
 const EXPONENTS: [i32; 5] = [2, 4, 8, 16, 32];
 
 /// Which multiples of the base line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Harmonics {
     /// These, increasing.
@@ -54,7 +54,7 @@ pub enum Harmonics {
 }
 
 /// A share of the lines, so that several stimuli can be told apart: every `of`-th of the chosen lines.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Interleave {
     /// Which stimulus, from 0.
@@ -64,7 +64,7 @@ pub struct Interleave {
 }
 
 /// The phases of the lines.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Phases {
     /// Uniform, from the seed.
@@ -79,7 +79,7 @@ pub enum Phases {
 }
 
 /// How power is shared out among the lines.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PowerProfile {
     /// Alike.
@@ -98,7 +98,7 @@ pub enum PowerProfile {
 }
 
 /// A multisine as written in JSON: `x(t) = Σ a_k cos(2π n_k f₀ t + φ_k)`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Multisine {
     /// The base line f₀ in Hz; the period is 1/f₀.

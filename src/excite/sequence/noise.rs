@@ -5,11 +5,11 @@ use super::sampled::Sequence;
 use crate::ctl::{Ctl, Stopped};
 use crate::num::rng::stream;
 use rand_distr::{Distribution as _, StandardNormal};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
-use utoipa::ToSchema;
 
 /// The largest order of a filter.
 const MAX_ORDER: usize = 200;
@@ -19,7 +19,7 @@ const SETTLING: f64 = 12.0;
 const BATCH: usize = 1 << 15;
 
 /// A screen on which the signal is shown: `ρ = atan2(w x, d)` turns a place x on it into an angle in rad.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Screen {
     /// Width w of the screen, m.
@@ -29,7 +29,7 @@ pub struct Screen {
 }
 
 /// Filtered noise as written in JSON.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FilteredNoise {
     /// The edge of the pass band, Hz.

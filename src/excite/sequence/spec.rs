@@ -9,11 +9,11 @@ use super::multisine::Multisine;
 use super::noise::{FilteredNoise, tukey};
 use super::sampled::{Sequence, whole};
 use crate::ctl::Ctl;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// What makes a sequence.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Generator {
     /// Pseudorandom ternary sequence of maximum length.
@@ -29,7 +29,7 @@ pub enum Generator {
 }
 
 /// A size that the samples are brought to.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Scale {
     /// The largest magnitude of a sample.
@@ -41,7 +41,7 @@ pub enum Scale {
 /// A sampled sequence as written in JSON.
 ///
 /// In this order: the generator, `scale`, `offset`, `clip`, `taper`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SequenceSpec {
     /// What makes it.

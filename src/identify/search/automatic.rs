@@ -9,13 +9,13 @@ use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::{Pool, PoolError, Recipe};
 use crate::identify::problem::Problem;
 use crate::num::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
-use utoipa::ToSchema;
 
 /// How the best candidate is found. All ways give the same answer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
     /// By bounds on clusters of candidates; small pools, and feedforward numerators of a high degree, candidate by candidate.

@@ -5,12 +5,12 @@ use crate::excite::compensator::{Compensator, Curve, Design, DesignLimits, Found
 use crate::excite::flatness::Band;
 use crate::excite::motion::MotionSummary;
 use crate::excite::path::PathError;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
-use utoipa::ToSchema;
 
 /// The best proportional control of the same plant, signal, band and limits.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct BaselineResult {
     /// K.
     pub gain: f64,
@@ -25,7 +25,7 @@ pub struct BaselineResult {
 }
 
 /// The best compensator of a climb that ended elsewhere.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RunnerUpResult {
     /// K.
     pub gain: f64,
@@ -38,7 +38,7 @@ pub struct RunnerUpResult {
 }
 
 /// An edge of the box that holds the answer.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct EdgeResult {
     /// `gain`, `zero_hz`, `pole_hz` or `zero_below_pole`.
     pub unknown: String,
@@ -47,7 +47,7 @@ pub struct EdgeResult {
 }
 
 /// What was searched.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SearchResult {
     /// Points of the grid over the box.
     pub points: usize,
@@ -64,7 +64,7 @@ pub struct SearchResult {
 }
 
 /// A curve over the gain; arrays are equally long, and null where the loop is not stable.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CurveResult {
     /// f_z, Hz; null for proportional control.
     pub zero_hz: Option<f64>,
@@ -94,7 +94,7 @@ impl CurveResult {
 }
 
 /// The result of `compensator_design`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CompensatorDesignResult {
     /// K, the gain at high frequency.
     pub gain: f64,

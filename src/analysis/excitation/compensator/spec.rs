@@ -6,15 +6,15 @@ use crate::analysis::problem::{Code, Problem};
 use crate::excite::compensator::DesignLimits;
 use crate::excite::flatness::Band;
 use crate::excite::path::Discretisation;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use utoipa::ToSchema;
 
 /// Points of a curve, and curves, at most.
 const MOST: usize = 2_000;
 
 /// The structure of the compensator.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Structure {
     /// `C = K`.
@@ -24,7 +24,7 @@ pub enum Structure {
 }
 
 /// Curves over the gain, as in figure 5 of Qiu 2021.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SweepSpec {
     /// Between which gains. Default: the range of the search.
@@ -46,7 +46,7 @@ fn hundred() -> usize {
 }
 
 /// The spec of `compensator_design`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CompensatorDesignSpec {
     /// `proportional` or `lead`.

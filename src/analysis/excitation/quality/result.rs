@@ -4,13 +4,13 @@ use crate::analysis::excitation::signal::Signal;
 use crate::excite::flatness::{Band, BandFlatness};
 use crate::excite::motion::{MotionSummary, extent};
 use crate::excite::spectrum::Spectrum;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// The signal as it is.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SignalResult {
     /// Time between samples, s.
     pub sample_time_s: f64,
@@ -34,7 +34,7 @@ pub struct SignalResult {
     pub crest_factor: Option<f64>,
     /// What was chosen or drawn: `polynomial` (recurrence coefficients), `phase_chips`, `chips`, `phases_rad`, `crest_factor` (of the
     /// continuous signal), `filter_order`, `cutoff_hz`.
-    #[schema(value_type = Object)]
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     pub details: BTreeMap<String, Value>,
 }
 
@@ -58,7 +58,7 @@ impl SignalResult {
 }
 
 /// Flatness in one band (Qiu 2021, equations 15 and 16).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FlatnessResult {
     /// The band, as asked for.
     pub band_hz: Band,
@@ -94,7 +94,7 @@ impl FlatnessResult {
 }
 
 /// The lines; arrays are equally long.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LinesResult {
     /// How they were chosen: `sequence` (known from the generator), `excited`, `all`, `odd` or `given`.
     pub rule: String,
@@ -155,7 +155,7 @@ impl LinesResult {
 }
 
 /// How the signal resembles itself later.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AutocorrelationResult {
     /// `periodic` (of one period, which runs around) or `record`.
     pub kind: String,
@@ -170,7 +170,7 @@ pub struct AutocorrelationResult {
 }
 
 /// How well the past predicts the signal.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PredictabilityResult {
     /// How far ahead, s.
     pub horizon_s: f64,
@@ -181,7 +181,7 @@ pub struct PredictabilityResult {
 }
 
 /// The plant or the loop.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PathResult {
     /// Whether there is a controller.
     pub is_loop: bool,
@@ -200,7 +200,7 @@ pub struct PathResult {
 }
 
 /// Samples, for downloading (`text/csv` at `/v1/analyses/{analysis}/samples`).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SamplesResult {
     /// Time between samples, s.
     pub sample_time_s: f64,
@@ -215,7 +215,7 @@ pub struct SamplesResult {
 }
 
 /// The result of `excitation_quality`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ExcitationQualityResult {
     /// The signal.
     pub signal: SignalResult,

@@ -6,9 +6,9 @@ use crate::analysis::problem::{Code, Problem};
 use crate::excite::flatness::Band;
 use crate::excite::motion::MotionLimits;
 use crate::excite::path::Discretisation;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use utoipa::ToSchema;
 
 /// Bands and horizons at most.
 const MOST: usize = 100;
@@ -16,7 +16,7 @@ const MOST: usize = 100;
 const MOST_LINES: usize = 100_000;
 
 /// A rule by which lines are chosen.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LineName {
     /// Those that the generator is known to excite; of other signals the excited ones.
@@ -31,7 +31,7 @@ pub enum LineName {
 }
 
 /// Which lines of the signal's period are judged.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum LineChoice {
     /// `auto`, `excited`, `all` or `odd`.
@@ -44,7 +44,7 @@ pub enum LineChoice {
 }
 
 /// What the signal is a signal of.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantity {
     /// A position, whose derivatives are velocity and acceleration.
@@ -55,7 +55,7 @@ pub enum Quantity {
 }
 
 /// The spec of `excitation_quality`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExcitationQualitySpec {
     /// The bands, each by its upper end in Hz, or as `[from, to]`. Default: none; the whole band is always judged.
