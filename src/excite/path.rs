@@ -9,12 +9,11 @@
 use crate::control::discretise::{self, DiscretiseError};
 use crate::control::simulate::{self, SimulationError};
 use crate::control::{
-    Continuous, Discrete, StateSpace, System, TimeBase as _, TransferFunction, TwoDegreesOfFreedom, conversion,
-    stability,
+    Continuous, Discrete, StateSpace, System, TimeBase as _, TransferFunction, conversion, stability,
 };
 use crate::num::linalg::NoConvergence;
 use crate::num::{Complex64, Polynomial};
-use crate::person::two_degrees_of_freedom::LoopError;
+use crate::person::two_degrees_of_freedom::{LoopError, TwoDegreesOfFreedom};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
