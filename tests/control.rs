@@ -8,9 +8,9 @@ use volition::control::discretise::DiscretiseError;
 use volition::control::simulate::SimulationError;
 use volition::control::simulate::{self, Hold};
 use volition::control::{
-    Continuous, Discrete, Model, ModelError, StateSpace, TransferFunction, TwoDegreesOfFreedom, conversion, discretise,
+    Continuous, Discrete, Model, ModelError, StateSpace, TransferFunction, conversion, discretise,
 };
-use volition::person::two_degrees_of_freedom::LoopError;
+use volition::person::two_degrees_of_freedom::{LoopError, TwoDegreesOfFreedom};
 use volition::plants::catalogue::{self, Plant};
 
 fn tf(num: &[f64], den: &[f64]) -> TransferFunction<Continuous> {

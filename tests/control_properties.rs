@@ -9,10 +9,9 @@ use volition::control::bode::log_grid;
 use volition::control::discretise::DiscretiseError;
 use volition::control::simulate::{self, Hold};
 use volition::control::stability::{is_hurwitz_shifted, is_schur_within, is_stable};
-use volition::control::{
-    Continuous, Discrete, StateSpace, TimeBase, TransferFunction, TwoDegreesOfFreedom, conversion, discretise,
-};
+use volition::control::{Continuous, Discrete, StateSpace, TimeBase, TransferFunction, conversion, discretise};
 use volition::num::Polynomial;
+use volition::person::TwoDegreesOfFreedom;
 use volition::plants::Plant;
 
 fn config() -> ProptestConfig {

@@ -7,20 +7,45 @@ use std::path::{Path, PathBuf};
 
 /// Who may use whom (DESIGN §2; `trial`, the recording itself, is ours). A module may always use itself.
 const ARROWS: &[(&str, &[&str])] = &[
-    ("num", &[]),
+    ("ctl", &[]),
+    ("num", &["ctl"]),
     ("control", &["num"]),
-    ("convex", &["num"]),
+    ("convex", &["ctl", "num"]),
     ("trial", &["num"]),
-    ("plants", &["control", "num", "trial"]),
-    ("identify", &["control", "num", "trial"]),
-    ("inverse", &["control", "convex", "num"]),
-    ("excite", &["control", "convex", "num", "plants"]),
-    ("learning", &["control", "identify", "num", "trial"]),
-    ("analysis", &["control", "convex", "excite", "identify", "inverse", "learning", "num", "plants", "trial"]),
-    ("jobs", &["analysis", "num"]),
-    ("store", &["analysis", "control", "jobs", "num", "trial"]),
-    ("worker", &["analysis", "jobs", "num", "store"]),
-    ("api", &["analysis", "control", "excite", "jobs", "learning", "num", "store", "trial"]),
+    ("person", &["control", "num"]),
+    ("plants", &["control", "num", "person"]),
+    ("simulate", &["control", "num", "person", "plants", "trial"]),
+    ("response", &["control", "ctl", "num", "trial"]),
+    ("identify", &["control", "ctl", "num", "person", "response", "trial"]),
+    ("two_stimulus", &["control", "ctl", "num", "person", "response", "trial"]),
+    ("likelihood", &["control", "ctl", "num", "person", "response"]),
+    ("inverse", &["control", "convex", "ctl", "num"]),
+    ("excite", &["control", "convex", "ctl", "num", "person", "plants", "simulate"]),
+    ("learning", &["control", "num", "trial"]),
+    (
+        "analysis",
+        &[
+            "control",
+            "convex",
+            "ctl",
+            "excite",
+            "identify",
+            "inverse",
+            "learning",
+            "likelihood",
+            "num",
+            "person",
+            "plants",
+            "response",
+            "simulate",
+            "trial",
+            "two_stimulus",
+        ],
+    ),
+    ("jobs", &["analysis", "ctl"]),
+    ("store", &["analysis", "control", "ctl", "jobs", "num", "trial"]),
+    ("worker", &["analysis", "ctl", "jobs", "num", "store"]),
+    ("api", &["analysis", "control", "ctl", "excite", "jobs", "learning", "num", "store", "trial"]),
     ("app", &["*"]),
     ("cli", &["*"]),
     ("config", &["*"]),
@@ -28,8 +53,25 @@ const ARROWS: &[(&str, &[&str])] = &[
 ];
 
 /// The layers without async, clock, environment, filesystem or global state.
-const PURE: &[&str] =
-    &["num", "control", "convex", "trial", "plants", "identify", "inverse", "excite", "learning", "analysis", "jobs"];
+const PURE: &[&str] = &[
+    "ctl",
+    "num",
+    "control",
+    "convex",
+    "trial",
+    "person",
+    "plants",
+    "simulate",
+    "response",
+    "identify",
+    "two_stimulus",
+    "likelihood",
+    "inverse",
+    "excite",
+    "learning",
+    "analysis",
+    "jobs",
+];
 
 /// What a pure layer must not mention.
 const IMPURE: &[&str] = &[

@@ -5,7 +5,7 @@
 //!  "spec": {"lines": "excited", "segments": [{"start_s": 5, "end_s": 25}, {"start_s": 25, "end_s": 45}]}}
 //! ```
 //! Inputs are those of [`trial_input`](super::trial_input); a plant is not needed. The formulas are those of
-//! [`identify::frequency`](crate::response).
+//! [`response`](crate::response).
 
 use super::frequency_problem;
 use super::inputs::{Library, References};

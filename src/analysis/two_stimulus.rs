@@ -8,7 +8,7 @@
 //!                                                            "h_yd": [[0.4, 0.1], [0.3, -0.1]]}}}
 //! ```
 //! Trials carry r, u, y and, some of them at least, a disturbance d at the plant's input. The method is that of
-//! [`identify::two_stimulus`](crate::two_stimulus).
+//! [`two_stimulus`](crate::two_stimulus).
 
 mod findings;
 mod inputs;

@@ -314,7 +314,7 @@ mod tests {
     #[test]
     fn sampled_delays_lengthen_the_polynomial() {
         // z − 1 + k z^{−d}: stable for k < 2 sin(π/(2(2d + 1))) (Levin and May 1976).
-        for samples in 0..6 {
+        for samples in 0..6_u32 {
             let limit = 2.0 * (PI / (2.0 * (2.0 * f64::from(samples) + 1.0))).sin();
             for (share, expected) in [(0.999, true), (1.001, false)] {
                 let found = is_stable_sampled(&[1.0, -1.0], &[share * limit], samples as usize, 1.0).unwrap();

@@ -85,7 +85,7 @@ pub fn filter(system: &TransferFunction<Discrete>, input: &[f64]) -> Result<Vec<
 
 /// A filter between two samples.
 #[derive(Debug, Clone)]
-pub(super) struct DelayLine {
+pub(crate) struct DelayLine {
     /// Numerator and denominator in descending powers, equally long.
     num: Vec<f64>,
     den: Vec<f64>,

@@ -9,14 +9,13 @@
 use crate::control::discretise::{self, DiscretiseError};
 use crate::control::simulate::{self, SimulationError};
 use crate::control::{
-    Continuous, Discrete, StateSpace, System, TimeBase as _, TransferFunction, TwoDegreesOfFreedom, conversion,
-    stability,
+    Continuous, Discrete, StateSpace, System, TimeBase as _, TransferFunction, conversion, stability,
 };
 use crate::num::linalg::NoConvergence;
 use crate::num::{Complex64, Polynomial};
-use crate::person::two_degrees_of_freedom::LoopError;
-use schemars::JsonSchema;
+use crate::person::two_degrees_of_freedom::{LoopError, TwoDegreesOfFreedom};
 use serde::{Deserialize, Serialize};
+use schemars::JsonSchema;
 
 /// How a plant in continuous time is seen by sampled signals.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

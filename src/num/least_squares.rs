@@ -14,7 +14,7 @@
 //! it is free of units. It counts only where complementarity `Σ μᵢ cᵢ ≤ tolerance · F` holds too.
 
 use super::nonnegative;
-use super::{Ctl, Stopped};
+use crate::ctl::{Ctl, Stopped};
 use nalgebra::{DMatrix, DVector};
 
 /// A problem: what is evaluated.

@@ -23,7 +23,7 @@ pub use parameter::Parameter;
 use crate::control::parametric::{Matrices, ParametricModel};
 use crate::control::{Continuous, StateSpace};
 use crate::num::dual::Real;
-use crate::person::state_feedback::{self, Path, Plant, PlantModel};
+use crate::person::state_feedback::{Path, Plant, PlantModel, close};
 use nalgebra::DMatrix;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -325,7 +325,7 @@ impl ParametricModel for SeatedBalance {
     fn matrices<S: Real>(&self, theta: &[S]) -> Matrices<S> {
         let values = self.values_at(theta);
         let k = DMatrix::from_fn(1, PLANT_STATES, |_, j| values.get(Parameter::GAINS[j]));
-        person::close(&self.plant(theta), &k, &self.path(theta))
+        close(&self.plant(theta), &k, &self.path(theta))
     }
 }
 
