@@ -6,7 +6,7 @@
 //! A kind is one folder with a type that implements [`Analysis`], and one word in the list of the [registry](super::registry), which alone
 //! makes from it the names, the dispatch, the canonical request, the hashes of inputs, the report and the schemas.
 
-use super::inputs::{Library, References};
+use super::inputs::library::{Library, References};
 use super::kind::Kind;
 use super::problem::Problem;
 use super::report::{Effort, Warning};
@@ -54,11 +54,25 @@ pub trait Analysis: Sized + Send + Sync + 'static {
         None
     }
 
+    /// The signals that a result carries for a device to play: the signal itself, then what is compared with it. Most kinds have none.
+    fn samples(_result: &Value) -> Option<Samples> {
+        None
+    }
+
     /// Computes the result. Deterministic, on the rayon pool that it is called in.
     ///
     /// # Errors
     /// [`Failure::Stopped`] or [`Failure::Interrupted`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question.
     fn run(&self, library: &Library, ctl: &Ctl) -> Result<Outcome<Self::Result>, Failure>;
+}
+
+/// Signals of a result, equally long.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Samples {
+    /// Time between samples in seconds.
+    pub sample_time_s: f64,
+    /// The signals by name.
+    pub columns: Vec<(String, Vec<f64>)>,
 }
 
 /// A part of a request, `inputs` or `spec`, as people write it.

@@ -1,14 +1,14 @@
 //! The list of kinds, and everything that is the same for all of them.
 
-use super::contract::{Analysis, Failure, Inputs as _, Part as _};
-use super::inputs::{Library, References};
+use super::contract::{Analysis, Failure, Inputs as _, Part as _, Samples};
+use super::inputs::library::{Library, References};
 use super::kind::{Kind, Request};
 use super::problem::{Code, Problem};
-use super::report::{Report, sha256_json};
+use super::report::{Provenance, Report, Warning, sha256_json};
 use crate::ctl::Ctl;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
@@ -26,14 +26,6 @@ kinds! {
     ssid,
     ssid_mimo,
     two_stimulus,
-    gain_fit,
-    inverse_lqr,
-    inverse_lqe,
-    inverse_lqg,
-    excitation_quality,
-    compensator_design,
-    input_design,
-    robust_input_design,
 }
 
 /// A kind, for whoever lists, documents or dispatches them.
@@ -54,6 +46,7 @@ pub struct About {
     pub spec: fn(&mut SchemaGenerator) -> Schema,
     /// The schema of its result.
     pub result: fn(&mut SchemaGenerator) -> Schema,
+    samples: fn(&Value) -> Option<Samples>,
     check: fn(&Request) -> Result<Box<dyn Checked>, Problem>,
 }
 
@@ -68,12 +61,27 @@ impl About {
             inputs: |generator| generator.subschema_for::<A::Inputs>(),
             spec: |generator| generator.subschema_for::<A::Spec>(),
             result: |generator| generator.subschema_for::<A::Result>(),
+            samples: A::samples,
             check: |request| {
                 let inputs = A::Inputs::read(&request.inputs, "/inputs")?;
                 let spec = A::Spec::read(&request.spec, "/spec")?;
                 Ok(Box::new(A::check(inputs, spec)?))
             },
         }
+    }
+
+    /// Name and version of its result's form.
+    #[must_use]
+    pub fn result_schema(&self) -> String {
+        super::report::result_schema(self.kind, self.result_version)
+    }
+
+    /// Whether the spec has members that must be there.
+    fn needs_spec(&self, generator: &mut SchemaGenerator) -> bool {
+        let schema = (self.spec)(generator);
+        let name = schema.get("$ref").and_then(Value::as_str).and_then(|path| path.rsplit('/').next());
+        let spec = name.and_then(|name| generator.definitions().get(name));
+        spec.and_then(|spec| spec.get("required")).and_then(Value::as_array).is_some_and(|list| !list.is_empty())
     }
 
     /// The kind's name in the names of types: `FrequencyResponse` for `frequency_response`.
@@ -103,6 +111,12 @@ fn find(name: &str) -> Result<&'static About, Problem> {
     })
 }
 
+/// The signals that a report carries for a device to play.
+#[must_use]
+pub fn samples(report: &Report) -> Option<Samples> {
+    (find(report.kind.name()).ok()?.samples)(&report.result)
+}
+
 impl FromStr for Kind {
     type Err = Problem;
 
@@ -113,7 +127,9 @@ impl FromStr for Kind {
 
 impl<'de> Deserialize<'de> for Kind {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Cow::<str>::deserialize(deserializer)?.parse().map_err(|problem: Problem| serde::de::Error::custom(problem.detail))
+        Cow::<str>::deserialize(deserializer)?
+            .parse()
+            .map_err(|problem: Problem| serde::de::Error::custom(problem.detail))
     }
 }
 
@@ -126,6 +142,90 @@ impl JsonSchema for Kind {
         let names: Vec<&str> = kinds().map(|about| about.kind.name()).collect();
         json_schema!({"type": "string", "enum": names, "description": "What is computed."})
     }
+}
+
+/// An object with a member `kind` that tells which of the kinds it is of: one schema for each of them, and their choice.
+fn one_of_kinds(
+    generator: &mut SchemaGenerator,
+    what: &str,
+    of: impl Fn(&mut SchemaGenerator, &About) -> Schema,
+) -> Schema {
+    let mut choices = Vec::new();
+    let mut mapping = Map::new();
+    for about in kinds() {
+        let name = format!("{}{what}", about.type_prefix());
+        let schema = of(generator, about);
+        generator.definitions_mut().insert(name.clone(), schema.into());
+        let path = format!("#{}/{name}", generator.settings().definitions_path);
+        mapping.insert(about.kind.name().to_owned(), json!(path));
+        choices.push(json!({"$ref": path}));
+    }
+    json_schema!({"oneOf": choices, "discriminator": {"propertyName": "kind", "mapping": mapping}})
+}
+
+impl JsonSchema for Request {
+    fn schema_name() -> Cow<'static, str> {
+        "Request".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        one_of_kinds(generator, "Request", |generator, about| {
+            let (inputs, spec) = ((about.inputs)(generator), (about.spec)(generator));
+            let mut required = vec!["kind", "inputs"];
+            if about.needs_spec(generator) {
+                required.push("spec");
+            }
+            json_schema!({
+                "type": "object",
+                "title": about.title,
+                "description": about.summary,
+                "properties": {
+                    "kind": {"type": "string", "const": about.kind, "description": "The kind of analysis."},
+                    "inputs": described(inputs, "What it is computed from: stored things by id, or the data itself."),
+                    "spec": described(spec, "How it is computed; what is left out takes its documented default."),
+                },
+                "required": required,
+                "additionalProperties": false,
+            })
+        })
+    }
+}
+
+impl JsonSchema for Report {
+    fn schema_name() -> Cow<'static, str> {
+        "Report".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        one_of_kinds(generator, "Report", |generator, about| {
+            let result = (about.result)(generator);
+            let warnings = generator.subschema_for::<Vec<Warning>>();
+            let provenance = generator.subschema_for::<Provenance>();
+            json_schema!({
+                "type": "object",
+                "title": about.title,
+                "description": about.summary,
+                "properties": {
+                    "kind": {"type": "string", "const": about.kind, "description": "The kind of analysis."},
+                    "schema": {
+                        "type": "string",
+                        "const": about.result_schema(),
+                        "description": "Name and version of the result's form.",
+                    },
+                    "result": described(result, "What was found."),
+                    "warnings": described(warnings, "What must be read before using it."),
+                    "provenance": described(provenance, "Where it comes from."),
+                },
+                "required": ["kind", "schema", "result", "warnings", "provenance"],
+                "additionalProperties": false,
+            })
+        })
+    }
+}
+
+fn described(mut schema: Schema, text: &str) -> Schema {
+    schema.insert("description".to_owned(), json!(text));
+    schema
 }
 
 /// An [`Analysis`] of any kind.

@@ -61,14 +61,13 @@ pub struct Effort {
 }
 
 /// The answer to a [`Request`](super::Request).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// The kind of analysis.
     pub kind: Kind,
     /// Name and version of the result's form, such as `volition.ssid/1`.
     pub schema: String,
     /// The result; its form is documented with the kind.
-    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     pub result: serde_json::Value,
     /// What must be read before using it.
     pub warnings: Vec<Warning>,
@@ -90,21 +89,7 @@ impl Report {
         inputs_sha256: BTreeMap<String, String>,
         seed: Option<u64>,
     ) -> Self {
-        let schema = format!("volition.{kind}/{version}");
-        Self::with_schema(kind, schema, result, warnings, spec, inputs_sha256, seed)
-    }
-
-    /// [`Report::new`] for a kind whose results have several forms: `schema` names this one.
-    #[must_use]
-    pub fn with_schema(
-        kind: Kind,
-        schema: String,
-        result: serde_json::Value,
-        warnings: Vec<Warning>,
-        spec: serde_json::Value,
-        inputs_sha256: BTreeMap<String, String>,
-        seed: Option<u64>,
-    ) -> Self {
+        let schema = result_schema(kind, version);
         let result_sha256 = sha256_json(&serde_json::json!([kind, schema, result, warnings]));
         let provenance = Provenance {
             product_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -119,6 +104,11 @@ impl Report {
         };
         Self { kind, schema, result, warnings, provenance }
     }
+}
+
+/// Name and version of the form of a kind's result.
+pub(super) fn result_schema(kind: Kind, version: u32) -> String {
+    format!("volition.{kind}/{version}")
 }
 
 /// SHA-256, in hexadecimal, of a JSON value with its keys sorted (`serde_json`'s own map order).

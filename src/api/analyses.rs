@@ -1,15 +1,16 @@
 //! Analyses: asked for here, computed by workers.
 
-use super::cursor::{List, PageQuery, Pager};
+use super::cursor::{PageQuery, Pager};
 use super::etag::{self, ETag, IfNoneMatch, is_known, not_modified, tagged_bytes};
 use super::extract::{FromQuery, Id, Json, Params, QueryText, off_thread};
 use super::idempotency::{Idempotency, IdempotencyHeader, mark};
 use super::problem::ApiResult;
+use super::schema::{AnalysisList, Timestamp};
 use super::state::AppState;
 use super::{created, no_content};
 use crate::analysis::ids::{AnalysisId, StudyId, TrialId};
 use crate::analysis::report::sha256_json;
-use crate::analysis::{Code, Incumbent, Kind, Plan, Problem, Report, Request};
+use crate::analysis::{Code, Incumbent, Kind, Plan, Problem, Report, Request, registry};
 use crate::ctl::Bracket;
 use crate::jobs::Status;
 use crate::store::{AnalysisFilter, AnalysisRecord, NewAnalysis, StoreError};
@@ -190,7 +191,7 @@ pub struct AnalysisQuery {
 
 impl FromQuery for AnalysisQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
-        let kinds = Kind::ALL.map(Kind::name).join(", ");
+        let kinds = registry::names();
         let statuses = STATUSES.map(Status::name).join(", ");
         Ok(Self {
             study: query.id("study")?,
@@ -319,7 +320,7 @@ pub async fn create(
 /// Lists analyses.
 #[utoipa::path(get, path = "/v1/analyses", tag = "analyses", operation_id = "list_analyses",
     params(AnalysisQuery, PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of analyses, without their requests.", body = List<AnalysisView>)))]
+    responses((status = 200, description = "A page of analyses, without their requests.", body = AnalysisList)))]
 pub async fn list(
     State(state): State<AppState>,
     uri: Uri,

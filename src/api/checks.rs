@@ -12,6 +12,9 @@ pub const MAX_ATTRIBUTES: usize = 64 << 10;
 /// What a name looks like, for the OpenAPI document: something visible, and no control character.
 pub const NAME_PATTERN: &str = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$";
 
+/// What a text looks like, for the OpenAPI document.
+pub const TEXT_PATTERN: &str = r"^[^\x00]*$";
+
 /// A name without the spaces around it.
 ///
 /// # Errors

@@ -84,6 +84,7 @@ fn not_a_cursor() -> Problem {
 
 /// One page of a list.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "{T}List")]
 pub struct List<T> {
     /// The rows, in the order in which they were made.
     pub items: Vec<T>,

@@ -10,12 +10,12 @@ use utoipa_swagger_ui::{Config, SwaggerUi};
 /// The OpenAPI document, as `volition openapi` writes it and as it is committed at `openapi/openapi.json`.
 #[must_use]
 pub fn document() -> String {
-    super::openapi().to_pretty_json().unwrap_or_default()
+    serde_json::to_string_pretty(&super::openapi()).unwrap_or_default()
 }
 
 /// This document.
 #[utoipa::path(get, path = "/openapi.json", tag = "operations", operation_id = "openapi", params(IfNoneMatch),
-    responses((status = 200, description = "An OpenAPI 3.1 document.", body = Object)))]
+    responses((status = 200, description = "An OpenAPI 3.1 document.", body = serde_json::Value)))]
 pub async fn read(Params(()): Params<()>, headers: HeaderMap) -> ApiResult<Response> {
     let bytes = document().into_bytes();
     let tag = ETag::of_bytes(&bytes);

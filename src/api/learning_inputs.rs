@@ -4,7 +4,7 @@ use super::extract::{FromQuery, QueryText, off_thread};
 use super::problem::ApiResult;
 use super::state::AppState;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId};
-use crate::analysis::{Code, Kind, Problem};
+use crate::analysis::{Analysis as _, Code, Problem, ssid};
 use crate::control::discretise::zero_order_hold;
 use crate::control::{Discrete, Model, System};
 use crate::learning::frequency_domain::ControllerMetrics;
@@ -108,7 +108,7 @@ pub(super) async fn gather(
     };
     let trials = state.store.matching_trials(study, &filter).await?;
     let ids: Vec<_> = trials.iter().map(|trial| trial.id).collect();
-    let reports = state.store.reports_of_trials(&ids, Kind::Ssid).await?;
+    let reports = state.store.reports_of_trials(&ids, ssid::Plan::KIND).await?;
     let plants = all(|page| state.store.plants(study, page), |plant| plant.id.0).await?;
     let subjects = match subject {
         Some(subject) => vec![subject],

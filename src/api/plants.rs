@@ -1,11 +1,12 @@
 //! Plants: what subjects control.
 
-use super::checks;
-use super::cursor::{List, PageQuery, Pager};
+use super::checks::{self, NAME_PATTERN};
+use super::cursor::{PageQuery, Pager};
 use super::etag::{self, IfMatch, IfNoneMatch};
 use super::extract::{Id, Json, MergePatch, Params, from_value, present};
 use super::idempotency::{Idempotency, IdempotencyHeader, mark};
 use super::problem::ApiResult;
+use super::schema::{PlantList, Timestamp};
 use super::state::AppState;
 use super::studies::StudyPath;
 use super::{created, no_content};
@@ -50,7 +51,7 @@ impl From<Plant> for PlantView {
 /// A plant to be made.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "NewPlant", example = json!({"name": "gm", "model": {"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}}))]
+#[schemars(rename = "NewPlant", example = serde_json::json!({"name": "gm", "model": {"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}}))]
 pub struct NewPlantBody {
     /// Its name, unique within the study: not blank, without control characters.
     #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
@@ -132,7 +133,7 @@ pub async fn create(
 /// Lists the plants of a study.
 #[utoipa::path(get, path = "/v1/studies/{study}/plants", tag = "plants", operation_id = "list_plants",
     params(StudyPath, PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of plants.", body = List<PlantView>)))]
+    responses((status = 200, description = "A page of plants.", body = PlantList)))]
 pub async fn list(
     State(state): State<AppState>,
     Id(study): Id<StudyId>,

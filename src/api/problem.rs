@@ -144,7 +144,7 @@ impl IntoResponse for ApiError {
 
 /// A problem as it is written (RFC 9457).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[schema(as = HttpProblem, example = json!({
+#[schemars(example = serde_json::json!({
     "type": "urn:volition:problem:invalid", "title": "unknown kind of analysis", "status": 422,
     "detail": "there is no kind 'sisd'", "instance": "urn:uuid:0199d2f4-7a3c-7bb0-8a41-2f6a7e1c9d10",
     "code": "invalid", "where": "/kind", "mend": "Use one of: frequency_response, ssid, two_stimulus, gain_fit, inverse_lqr, inverse_lqe, inverse_lqg."

@@ -6,7 +6,7 @@ use super::extract::{Id, Params, off_thread};
 use super::problem::ApiResult;
 use super::state::AppState;
 use crate::analysis::ids::AnalysisId;
-use crate::analysis::{Code, Problem, Report, excitation};
+use crate::analysis::{Code, Problem, Report, samples};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
@@ -29,7 +29,7 @@ pub async fn read(
     let written = off_thread(move || {
         let report: Report = serde_json::from_str(&text)
             .map_err(|error| Problem::new(Code::Internal, "unreadable report", error.to_string()))?;
-        excitation::samples::csv(&report)
+        samples::csv(&report)
     })
     .await?;
     let bytes = written?.into_bytes();

@@ -1,11 +1,12 @@
 //! Studies.
 
-use super::checks;
-use super::cursor::{List, PageQuery, Pager};
+use super::checks::{self, NAME_PATTERN, TEXT_PATTERN};
+use super::cursor::{PageQuery, Pager};
 use super::etag::{self, IfMatch, IfNoneMatch};
 use super::extract::{Id, Json, MergePatch, Params, or_default, present};
 use super::idempotency::{Idempotency, IdempotencyHeader, mark};
 use super::problem::ApiResult;
+use super::schema::{StudyList, Timestamp};
 use super::state::AppState;
 use super::{created, no_content};
 use crate::analysis::ids::StudyId;
@@ -47,7 +48,7 @@ impl From<Study> for StudyView {
 /// A study to be made.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "NewStudy", example = json!({"name": "gm and gn", "display_limit": 5.0}))]
+#[schemars(rename = "NewStudy", example = serde_json::json!({"name": "gm and gn", "display_limit": 5.0}))]
 pub struct NewStudyBody {
     /// Its name: not blank, without control characters.
     #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
@@ -65,7 +66,7 @@ pub struct NewStudyBody {
 /// Changes to a study; what is left out stays as it is.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "StudyPatch", example = json!({"display_limit": null}))]
+#[schemars(rename = "StudyPatch", example = serde_json::json!({"display_limit": null}))]
 pub struct StudyPatchBody {
     /// A new name.
     #[serde(default, deserialize_with = "present")]
@@ -117,7 +118,7 @@ fn answer(made: Created<Study>) -> ApiResult<Response> {
 
 /// Lists studies.
 #[utoipa::path(get, path = "/v1/studies", tag = "studies", operation_id = "list_studies", params(PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of studies.", body = List<StudyView>)))]
+    responses((status = 200, description = "A page of studies.", body = StudyList)))]
 pub async fn list(
     State(state): State<AppState>,
     uri: Uri,

@@ -10,7 +10,7 @@ use super::problem::ApiResult;
 use super::state::AppState;
 use super::studies::StudyPath;
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
-use crate::analysis::{Code, Kind, Problem, Request};
+use crate::analysis::{Code, Kind, Problem, Request, registry};
 use crate::jobs::{Status, run_eta_s};
 use crate::store::{RunFilter, RunProgress, TrialFilter, TrialRecord};
 use axum::extract::State;
@@ -24,7 +24,7 @@ use utoipa::IntoParams;
 /// What to compute, and of which trials.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(example = json!({"kind": "ssid", "spec": {"pool": "zhang2015_appendix_b"}, "filter": {"group": "gm"}}))]
+#[schemars(example = serde_json::json!({"kind": "ssid", "spec": {"pool": "zhang2015_appendix_b"}, "filter": {"group": "gm"}}))]
 pub struct BulkRequest {
     /// The kind; one that takes a single trial as its input.
     #[schemars(with = "Kind")]
@@ -182,7 +182,7 @@ pub struct RunQuery {
 
 impl FromQuery for RunQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
-        let kinds = Kind::ALL.map(Kind::name).join(", ");
+        let kinds = registry::names();
         Ok(Self { kind: query.one_of("kind", &kinds, |text| text.parse().ok())?, spec: spec_sha256(query)? })
     }
 }

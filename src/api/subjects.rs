@@ -1,11 +1,12 @@
 //! Subjects, by pseudonym.
 
-use super::checks;
-use super::cursor::{List, PageQuery, Pager};
+use super::checks::{self, NAME_PATTERN};
+use super::cursor::{PageQuery, Pager};
 use super::etag::{self, IfMatch, IfNoneMatch};
 use super::extract::{FromQuery, Id, Json, MergePatch, Params, QueryText, or_default, present};
 use super::idempotency::{Idempotency, IdempotencyHeader, mark};
 use super::problem::ApiResult;
+use super::schema::{SubjectList, Timestamp};
 use super::state::AppState;
 use super::studies::StudyPath;
 use super::{created, no_content};
@@ -54,7 +55,7 @@ impl From<Subject> for SubjectView {
 /// A subject to be made.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "NewSubject", example = json!({"code": "s07", "group": "gm", "attributes": {"handedness": "right"}}))]
+#[schemars(rename = "NewSubject", example = serde_json::json!({"code": "s07", "group": "gm", "attributes": {"handedness": "right"}}))]
 pub struct NewSubjectBody {
     /// Pseudonym, unique within the study: not blank, without control characters. No names of people.
     #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
@@ -76,7 +77,7 @@ fn empty() -> Value {
 /// Changes to a subject; what is left out stays as it is.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "SubjectPatch", example = json!({"group": "gn"}))]
+#[schemars(rename = "SubjectPatch", example = serde_json::json!({"group": "gn"}))]
 pub struct SubjectPatchBody {
     /// A new pseudonym.
     #[serde(default, deserialize_with = "present")]
@@ -142,7 +143,7 @@ pub async fn create(
 /// Lists the subjects of a study.
 #[utoipa::path(get, path = "/v1/studies/{study}/subjects", tag = "subjects", operation_id = "list_subjects",
     params(StudyPath, SubjectQuery, PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of subjects.", body = List<SubjectView>)))]
+    responses((status = 200, description = "A page of subjects.", body = SubjectList)))]
 pub async fn list(
     State(state): State<AppState>,
     Id(study): Id<StudyId>,

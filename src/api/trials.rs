@@ -1,10 +1,11 @@
 //! Trials without their signals.
 
-use super::cursor::{List, PageQuery, Pager};
+use super::cursor::{PageQuery, Pager};
 use super::etag::{self, IfMatch, IfNoneMatch};
 use super::extract::{Id, Integer, MergePatch, Params, present};
 use super::no_content;
 use super::problem::ApiResult;
+use super::schema::{Timestamp, TrialList};
 use super::state::AppState;
 use super::subjects::SubjectPath;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId, TrialId};
@@ -99,7 +100,7 @@ pub struct TrialPath {
 /// Changes to a trial; what is left out stays as it is. The recording and its plant never change.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "TrialPatch", example = json!({"number": 4}))]
+#[schemars(rename = "TrialPatch", example = serde_json::json!({"number": 4}))]
 pub struct TrialPatchBody {
     /// A new number.
     #[serde(default, deserialize_with = "present")]
@@ -124,7 +125,7 @@ pub(super) fn in_range(value: i64, min: i64, pointer: &str) -> Result<i64, Probl
 /// Lists the trials of a subject.
 #[utoipa::path(get, path = "/v1/subjects/{subject}/trials", tag = "trials", operation_id = "list_trials",
     params(SubjectPath, PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of trials.", body = List<TrialView>)))]
+    responses((status = 200, description = "A page of trials.", body = TrialList)))]
 pub async fn list(
     State(state): State<AppState>,
     Id(subject): Id<SubjectId>,

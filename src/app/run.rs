@@ -1,6 +1,6 @@
 //! `volition run SPEC.json`: one analysis without a server or a database.
 
-use crate::analysis::{Code, Failure, Library, Plan, Problem, Request, excitation};
+use crate::analysis::{Code, Failure, Library, Plan, Problem, Request, samples};
 use crate::config::CacheArgs;
 use crate::ctl::{Bracket, Ctl, StopReason};
 use crate::worker::compute;
@@ -38,7 +38,7 @@ pub fn run(path: &Path, compute_threads: usize, csv: bool, cache: &CacheArgs) ->
     let (outcome, _) = compute::run_plan(&plan, &library, &ctl, compute_threads);
     bar.finish_and_clear();
     match outcome {
-        Ok(report) if csv => match excitation::samples::csv(&report) {
+        Ok(report) if csv => match samples::csv(&report) {
             Ok(text) => {
                 std::io::stdout().lock().write_all(text.as_bytes())?;
                 Ok(ExitCode::SUCCESS)

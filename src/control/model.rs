@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 /// continuous time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged, try_from = "Fields")]
+#[schemars(!try_from)]
 pub enum Model {
     /// Rational transfer function.
     TransferFunction(TransferFunctionModel),
@@ -28,7 +29,7 @@ pub enum Model {
 /// A transfer function as written in JSON.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(example = json!({"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}))]
+#[schemars(example = serde_json::json!({"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}))]
 pub struct TransferFunctionModel {
     /// Numerator coefficients, descending powers.
     pub num: Vec<f64>,

@@ -14,8 +14,8 @@ use crate::control::{
 use crate::num::linalg::NoConvergence;
 use crate::num::{Complex64, Polynomial};
 use crate::person::two_degrees_of_freedom::{LoopError, TwoDegreesOfFreedom};
-use serde::{Deserialize, Serialize};
 use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// How a plant in continuous time is seen by sampled signals.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

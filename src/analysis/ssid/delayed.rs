@@ -1,7 +1,7 @@
 //! The pool searched with delays, in a report.
 
-use super::problems;
-use crate::analysis::plan::Failure;
+use crate::analysis::contract::Failure;
+use crate::analysis::inputs::pool_problem;
 use crate::analysis::report::Warning;
 use crate::control::{Model, System};
 use crate::ctl::Ctl;
@@ -82,7 +82,7 @@ pub(super) fn searched(
     let found = search_with_delays(plant, data, settings, pairs, search, ctl).map_err(|error| match error {
         SsidError::Stopped(stopped) => Failure::Stopped(stopped),
         error => {
-            let problem = problems::problem(&error);
+            let problem = pool_problem::problem(&error);
             Failure::Problem(match error {
                 SsidError::Pool(PoolError::DegreeTooHigh { .. }) => problem
                     .at("/spec/delay/feedback_s")

@@ -2,7 +2,7 @@
 
 use super::refined::{KnownNoise, problem_of};
 use super::spec::CheckedSpec;
-use crate::analysis::plan::Failure;
+use crate::analysis::contract::Failure;
 use crate::analysis::report::Warning;
 use crate::control::System;
 use crate::ctl::Ctl;
@@ -99,7 +99,7 @@ pub(super) fn compare(
     let noise = noise.filter(|n| n.degrees_of_freedom >= MANY_DEGREES && data.variance.is_some());
     let folds = repeats.map_or(&[][..], |r| &r.folds);
     let mut rows = Vec::new();
-    for recipe in spec.structures() {
+    for recipe in &spec.structures {
         let structure = recipe.structure();
         let degrees = [
             structure.feedforward_numerator,
@@ -111,10 +111,10 @@ pub(super) fn compare(
             recipe: recipe.clone(),
             weights: if noise.is_some() { Weights::InverseVariance } else { Weights::Uniform },
             sample_time_s,
-            max_candidates: spec.written().max_candidates,
+            max_candidates: spec.max_candidates,
         };
         let mut row = StructureRow { degrees, pool_cost: None, criteria: None, reason: None };
-        let search = Automatic { method: spec.written().search, shared };
+        let search = Automatic { method: spec.search, shared };
         match identify(plant, data, &settings, &search, ctl) {
             Err(SsidError::Stopped(stopped)) => return Err(Failure::Stopped(stopped)),
             // The incumbent of one structure of many is no answer.

@@ -1,7 +1,7 @@
 //! The best candidate of a pool for both responses.
 
-use super::problems;
-use crate::analysis::plan::Failure;
+use crate::analysis::contract::Failure;
+use crate::analysis::inputs::pool_problem;
 use crate::analysis::problem::{Code, Problem};
 use crate::control::{Continuous, Model, System, TransferFunction};
 use crate::ctl::Ctl;
@@ -37,7 +37,7 @@ pub struct PoolResult {
 }
 
 fn failed(error: &SsidError) -> Failure {
-    Failure::Problem(problems::problem(error))
+    Failure::Problem(pool_problem::problem(error))
 }
 
 /// Searches the pool.

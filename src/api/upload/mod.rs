@@ -17,6 +17,7 @@ use crate::analysis::ids::{PlantId, SubjectId};
 use crate::analysis::{Code, Problem, Warning};
 use crate::store::{Created, Plant};
 use crate::trial::csv::ColumnMapping;
+use crate::trial::json::TrialDocument;
 use assign::{Wanted, assignments, plants, with_metadata};
 use axum::body::Body;
 use axum::extract::State;
@@ -105,7 +106,7 @@ fn columns(text: &str) -> Result<ColumnMapping, Problem> {
 /// One file of a form, in its part `metadata`.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(example = json!({"file": "s07_12.csv.gz", "number": 12, "session": 1}))]
+#[schemars(example = serde_json::json!({"file": "s07_12.csv.gz", "number": 12, "session": 1}))]
 pub struct FileMetadata {
     /// The name of one of the files.
     file: String,
@@ -129,26 +130,6 @@ pub struct UploadForm {
     files: Vec<Vec<u8>>,
     /// What the files do not say themselves, file by file; a part of type `application/json`.
     metadata: Option<Vec<FileMetadata>>,
-}
-
-/// A recording as JSON.
-#[derive(Debug, JsonSchema)]
-#[schemars(rename = "NewTrial", example = json!({"sample_time_s": 0.02, "r": [0.0, 0.5, 1.0], "u": [0.0, 0.2, 0.4], "y": [0.0, 0.1, 0.3]}))]
-#[allow(dead_code, reason = "documents what the trial reader takes")]
-pub struct NewTrialBody {
-    /// Time between samples, in seconds; may be left out where there is `t`.
-    #[schemars(extend("exclusiveMinimum" = 0))]
-    sample_time_s: Option<f64>,
-    /// Time in seconds.
-    t: Option<Vec<f64>>,
-    /// Command.
-    r: Vec<f64>,
-    /// Control.
-    u: Vec<f64>,
-    /// Output.
-    y: Vec<f64>,
-    /// Disturbance at the plant's input.
-    d: Option<Vec<f64>>,
 }
 
 /// An uploaded trial.
@@ -205,7 +186,7 @@ impl Kind {
     params(SubjectPath, UploadQuery, IdempotencyHeader),
     request_body(content(
         (String = "text/csv", example = "t,r,u,y\n0.00,0.0,0.0,0.0\n0.02,0.5,0.2,0.1\n0.04,1.0,0.4,0.3\n"),
-        (NewTrialBody = "application/json"), (UploadForm = "multipart/form-data"))),
+        (TrialDocument = "application/json"), (UploadForm = "multipart/form-data"))),
     responses(
         (status = 201, description = "Stored; Location names a single trial. A form is answered by a list.",
             body = inline(Uploaded)),

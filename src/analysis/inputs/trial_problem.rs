@@ -1,6 +1,6 @@
 //! Readers' errors as problems: what is wrong, where, and how to mend it.
 
-use super::problem::{Code, Problem};
+use crate::analysis::problem::{Code, Problem};
 use crate::trial::gzip::GzipError;
 use crate::trial::{Location, ReadError, TimeDefect, TrialError};
 

@@ -7,28 +7,30 @@
 //!                             "frequency_response": {"omega_rad_s": [0.6, 1.3], "h": [[1.1, 0.1], [0.9, -0.2]]}},
 //!  "spec": {"pool": {"grid": {"feedforward_denominator": [[6.5]], "feedback_numerator": [[5.4]], "feedback_denominator": [[7.1]]}}}}
 //! ```
-//! Trials are those of [`trial_input`](super::trial_input), or frequency data come with the request. The method is that of
+//! Trials are those of [`trials`](super::inputs::trials), or frequency data come with the request. The method is that of
 //! [`identify::ssid`](crate::identify::ssid).
 
 mod delay_spec;
 mod delayed;
 mod family;
 mod inputs;
-pub(super) mod problems;
 mod refined;
 mod result;
 mod spec;
 mod structures;
 
-use super::frequency_problem;
+use super::contract::{Analysis, Failure, Incumbent, Outcome};
 use super::frequency_response::divergent_warning;
-use super::inputs::{Library, References};
-use super::kind::{Kind, Request};
-use super::plan::{Failure, Incumbent};
+use super::inputs::data::{PlantAndResponses, TrialsOrResponses};
+use super::inputs::fitted::Resolved;
+use super::inputs::frequency_problem;
+use super::inputs::library::Library;
+use super::inputs::plant::check_plant;
+use super::inputs::pool_problem;
+use super::inputs::trials::ResolvedTrial;
+use super::kind::Kind;
 use super::problem::{Code, Problem};
-use super::reading::Resolved;
-use super::report::{Effort, Report, Warning};
-use super::trial_input::{ResolvedTrial, inputs_sha256};
+use super::report::{Effort, Warning};
 use crate::control::{System, TransferFunction};
 use crate::ctl::Ctl;
 use crate::identify::refine::Refined;
@@ -41,18 +43,13 @@ use crate::trial::Trial;
 pub use delay_spec::{DelayRange, DelaySpec, DelayValueSpec};
 pub use delayed::{DelayedPoint, DelayedPool};
 pub use family::{FamilySpread, NearCandidate, NearOptimal, SpreadAtLine};
-pub use inputs::{FrequencyResponseInput, SsidInputs};
+pub use inputs::{SsidInputs, SsidResponses};
 pub use refined::{BootstrapSpec, RefinedResult, RefinementStop};
 use refined::{KnownNoise, Questions};
 pub use result::{Certificate, Fit, HeldOut, SimulatedVafResult, SsidResult, Stability, TrialVaf};
-use serde_json::json;
 use spec::CheckedSpec;
 pub use spec::SsidSpec;
-use std::collections::BTreeMap;
 pub use structures::{Likelihood, StructureComparison, StructureRow, StructureSpec};
-
-/// Version of [`SsidResult`].
-const RESULT_VERSION: u32 = 4;
 
 /// A checked request.
 #[derive(Debug, Clone, PartialEq)]
@@ -74,56 +71,48 @@ struct Material {
     /// The noise of the response, where it is known at all.
     noise: Option<KnownNoise>,
     warnings: Vec<Warning>,
-    hashes: BTreeMap<String, String>,
 }
 
-impl Plan {
-    /// Checks a request.
-    ///
-    /// # Errors
-    /// A [`Problem`] with the JSON pointer of what is wrong.
-    pub fn parse(request: &Request) -> Result<Self, Problem> {
-        let inputs = SsidInputs::parse(&request.inputs)?;
-        let spec = Box::new(CheckedSpec::parse(&request.spec, inputs.is_frequency_data())?);
+impl Analysis for Plan {
+    const KIND: Kind = Kind::named("ssid");
+    const TITLE: &'static str = "Subsystem identification";
+    const SUMMARY: &'static str = "The person's feedforward and feedback controllers from trials of command tracking, or from frequency \
+        data of the closed loop: the exact optimum over a pool of candidates whose loop is stable, with its certificate, the candidates \
+        that fit nearly as well, and a refinement with bands (Zhang 2015, algorithms 2.1, 3.1 and 5.1).";
+    const RESULT_VERSION: u32 = 4;
+    const EXAMPLE: &'static str = include_str!("example.json");
+
+    type Inputs = SsidInputs;
+    type Spec = SsidSpec;
+    type Result = SsidResult;
+
+    fn check(inputs: SsidInputs, spec: SsidSpec) -> Result<Self, Problem> {
+        let spec = Box::new(CheckedSpec::new(spec, inputs.is_responses())?);
         if let Some(plant) = inputs.inline_plant() {
-            problems::check_plant(plant, "/inputs/plant")?;
+            check_plant(plant, "/inputs/plant")?;
         }
         Ok(Self { inputs, spec })
     }
 
-    /// The stored things that it needs.
-    #[must_use]
-    pub fn references(&self) -> References {
-        self.inputs.references()
+    fn inputs(&self) -> &SsidInputs {
+        &self.inputs
     }
 
-    /// The spec with its defaults filled in.
-    #[must_use]
-    pub fn spec(&self) -> &SsidSpec {
-        self.spec.written()
+    fn spec(&self) -> &SsidSpec {
+        &self.spec.used
     }
 
-    /// The request with its defaults filled in; parsing it again gives an equal plan.
-    #[must_use]
-    pub fn request(&self) -> Request {
-        Request { kind: Kind::Ssid.name().to_owned(), inputs: self.inputs.to_value(), spec: json!(self.spec()) }
-    }
-
-    /// Computes the report; progress counts candidates.
-    ///
-    /// # Errors
-    /// [`Failure::Stopped`] or [`Failure::Interrupted`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question.
-    pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
-        let Material { plant, data, trials, held_out, noise, repeats, mut warnings, hashes } =
-            self.material(library, ctl)?;
-        let written = self.spec();
+    /// Progress counts candidates.
+    fn run(&self, library: &Library, ctl: &Ctl) -> Result<Outcome<SsidResult>, Failure> {
+        let Material { plant, data, trials, held_out, noise, repeats, mut warnings } = self.material(library, ctl)?;
+        let used = &self.spec.used;
         let settings = Settings {
-            recipe: self.spec.recipe().clone(),
-            weights: written.weights,
-            sample_time_s: written.sample_time_s.or(trials.first().map(|t| t.trial().sample_time_s)),
-            max_candidates: written.max_candidates,
+            recipe: self.spec.recipe.clone(),
+            weights: self.spec.weights,
+            sample_time_s: used.sample_time_s.or(trials.first().map(|t| t.trial().sample_time_s)),
+            max_candidates: self.spec.max_candidates,
         };
-        let search = Automatic { method: written.search, shared: &library.shared };
+        let search = Automatic { method: self.spec.search, shared: &library.shared };
         let found = identify(&plant, &data, &settings, &search, ctl).map_err(|error| match error {
             SsidError::Stopped(stopped) => Failure::Stopped(stopped),
             SsidError::Interrupted(interrupted) => Failure::Interrupted {
@@ -133,18 +122,18 @@ impl Plan {
                     feedback: interrupted.feedback.to_model(),
                 }),
             },
-            error => Failure::Problem(problems::problem(&error)),
+            error => Failure::Problem(pool_problem::problem(&error)),
         })?;
         warnings.extend(found.findings.iter().map(|f| Warning::new(f.code, f.message.clone())));
         let metrics = self.metrics(&found)?;
         let vaf = validate(&found.plant, [&found.feedforward, &found.feedback], &trials, Some(&mut warnings));
         let mut result = SsidResult::new(&found, metrics, vaf, trials.is_empty());
         result.near_optimal.warn(&mut warnings);
-        if let (Some(delays), Some(period)) = (self.spec.delays(), found.plant.sample_time_s()) {
+        if let (Some(delays), Some(period)) = (self.spec.delays.as_ref(), found.plant.sample_time_s()) {
             delay_spec::check_sampled(delays, period)?;
         }
         let mut delayed = None;
-        let pairs = written.delay.as_ref().map(DelaySpec::pairs).unwrap_or_default();
+        let pairs = used.delay.as_ref().map(DelaySpec::pairs).unwrap_or_default();
         if !pairs.is_empty() {
             let (searched, best) = delayed::searched(&plant, &data, &settings, &pairs, &search, ctl)?;
             delayed::warn(&searched, &mut warnings);
@@ -160,13 +149,13 @@ impl Plan {
             )),
             refined: None,
         });
-        if written.refine {
+        if self.spec.refine {
             let questions = Questions {
-                structure: self.spec.recipe().structure(),
+                structure: self.spec.recipe.structure(),
                 noise: noise.as_ref(),
-                is_weighted_by_noise: written.weights == Weights::InverseVariance,
-                bootstrap: written.bootstrap,
-                delays: self.spec.delays(),
+                is_weighted_by_noise: self.spec.weights == Weights::InverseVariance,
+                bootstrap: used.bootstrap,
+                delays: self.spec.delays.as_ref(),
                 start: delayed.as_ref(),
             };
             match refined::refine(&found, &questions, &mut warnings, ctl).map_err(Failure::Stopped)? {
@@ -190,7 +179,7 @@ impl Plan {
             result.refined_reason = Some("the spec asks for none".to_owned());
         }
         result.held_out = held;
-        if !self.spec.structures().is_empty() {
+        if !self.spec.structures.is_empty() {
             let compared = structures::compare(
                 &self.spec,
                 &plant,
@@ -211,45 +200,33 @@ impl Plan {
             structures::warn(&compared, degrees, &mut warnings);
             result.structures = Some(compared);
         }
-        let mut report = Report::new(Kind::Ssid, RESULT_VERSION, json!(result), warnings, json!(written), hashes, None);
-        report.provenance.effort = Some(Effort {
+        let effort = Effort {
             pairs_bounded: found.optimum.bounded,
             candidates_evaluated: found.optimum.evaluated,
             candidates_decided_by_qr: found.optimum.decided_by_qr,
-        });
-        Ok(report)
+        };
+        Ok(Outcome { result, warnings, effort: Some(effort) })
     }
+}
 
+impl Plan {
     fn material(&self, library: &Library, ctl: &Ctl) -> Result<Material, Failure> {
         match &self.inputs {
-            SsidInputs::FrequencyResponse { plant, data } => {
-                let system = problems::check_plant(plant, "/inputs/plant")?;
-                let hashes = BTreeMap::from([
-                    ("/inputs/plant".to_owned(), super::report::sha256_json(&json!(plant))),
-                    ("/inputs/frequency_response".to_owned(), super::report::sha256_json(&json!(data))),
-                ]);
+            TrialsOrResponses::Responses(PlantAndResponses { plant, frequency_response: data }) => {
+                let system = check_plant(plant, "/inputs/plant")?;
                 let noise = data.variance.as_ref().map(|variance| KnownNoise {
                     variance: data.omega_rad_s.iter().copied().zip(variance.iter().copied()).collect(),
                     degrees_of_freedom: data.averages.map_or(f64::INFINITY, |n| 2.0 * (f64::from(n) - 1.0)),
                     are_independent: true,
                 });
                 let (trials, held_out, warnings) = (Vec::new(), Vec::new(), Vec::new());
-                Ok(Material {
-                    plant: system,
-                    data: data.data(),
-                    trials,
-                    held_out,
-                    noise,
-                    repeats: None,
-                    warnings,
-                    hashes,
-                })
+                Ok(Material { plant: system, data: data.data(), trials, held_out, noise, repeats: None, warnings })
             }
-            SsidInputs::Trials(inputs) => {
+            TrialsOrResponses::Trials(inputs) => {
                 let Resolved { plant, fitted: resolved, held_out } = inputs.resolve(library)?;
                 let trials: Vec<&Trial> = resolved.iter().map(ResolvedTrial::trial).collect();
-                let Some(settings) = self.spec.frequency() else {
-                    // The spec of trials always has settings; see `CheckedSpec::parse`.
+                let Some(settings) = &self.spec.frequency else {
+                    // The spec of trials always has settings; see `CheckedSpec::new`.
                     return Err(Problem::new(
                         Code::Internal,
                         "no frequency settings",
@@ -262,7 +239,7 @@ impl Plan {
                     error => Failure::Problem(frequency_problem::problem(&error, &resolved, "/spec/frequency")),
                 };
                 let estimate = estimate_between(&trials, settings, Channels::default(), ctl).map_err(failed)?;
-                let repeats = if self.spec.structures().is_empty() {
+                let repeats = if self.spec.structures.is_empty() {
                     None
                 } else {
                     repeats(&trials, settings, &estimate, Channels::default(), ctl).map_err(failed)?
@@ -270,17 +247,15 @@ impl Plan {
                 let mut warnings: Vec<Warning> = divergent_warning(&resolved).into_iter().collect();
                 warnings.extend(estimate.warnings.iter().map(Warning::from));
                 warnings.extend(divergent_warning(&held_out));
-                let mut hashes = inputs_sha256(&resolved, true);
-                hashes.extend(inputs_sha256(&held_out, false));
                 let (data, noise) = (estimate.data(), noise_of(&estimate));
-                Ok(Material { plant, data, trials: resolved, held_out, noise, repeats, warnings, hashes })
+                Ok(Material { plant, data, trials: resolved, held_out, noise, repeats, warnings })
             }
         }
     }
 
     /// Norms over the band of the spec, or of the lines.
     fn metrics(&self, found: &Identified) -> Result<ControllerMetrics, Problem> {
-        let band = self.spec().band_hz.map_or_else(
+        let band = self.spec.used.band_hz.map_or_else(
             || {
                 let low = found.lines.iter().map(|(line, _)| line.omega_rad_s).fold(f64::INFINITY, f64::min);
                 let high = found.lines.iter().map(|(line, _)| line.omega_rad_s).fold(0.0, f64::max);

@@ -17,16 +17,17 @@ mod prediction;
 mod result;
 mod spec;
 
-use super::frequency_problem;
+use super::contract::{Analysis, Failure, Outcome};
 use super::frequency_response::divergent_warning;
-use super::inputs::{Library, References};
-use super::kind::{Kind, Request};
-use super::plan::Failure;
+use super::inputs::data::{PlantAndResponses, TrialsOrResponses};
+use super::inputs::fitted::Resolved;
+use super::inputs::frequency_problem;
+use super::inputs::library::Library;
+use super::inputs::plant::check_plant;
+use super::inputs::trials::ResolvedTrial;
+use super::kind::Kind;
 use super::problem::{Code, Problem};
-use super::reading::Resolved;
-use super::report::{Report, Warning, sha256_json};
-use super::ssid::problems;
-use super::trial_input::{ResolvedTrial, inputs_sha256};
+use super::report::Warning;
 use crate::control::System;
 use crate::ctl::Ctl;
 use crate::response::stimuli::{StimulusLines, stimulus_lines};
@@ -37,7 +38,7 @@ use crate::two_stimulus::fit::{FitError, FitSettings, Fitted, fit};
 use crate::two_stimulus::responses::{LineResponse, responses};
 use crate::two_stimulus::simulate::{BEYOND_LINES, accounted_for, simulate};
 use crate::two_stimulus::structure::{FeedforwardLaw, Person, Structure};
-pub use inputs::{StimulusResponsesInput, TwoStimulusInputs};
+pub use inputs::{TwoStimulusInputs, TwoStimulusResponses};
 use num_complex::Complex64;
 pub use pool::PoolResult;
 pub use prediction::{Ceiling, MeanShare, RegularisedResult};
@@ -45,13 +46,8 @@ pub use result::{
     Agreement, ControllerAtLine, FittedAtLine, FittedLine, FittedParameter, Shares, StructureFit, TrialShare,
     TwoStimulusLine, TwoStimulusResult,
 };
-use serde_json::json;
 use spec::CheckedSpec;
 pub use spec::TwoStimulusSpec;
-use std::collections::BTreeMap;
-
-/// Version of [`TwoStimulusResult`].
-const RESULT_VERSION: u32 = 2;
 
 /// A checked request.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,49 +68,45 @@ struct Material {
     trials: Vec<ResolvedTrial>,
     held_out: Vec<ResolvedTrial>,
     warnings: Vec<Warning>,
-    hashes: BTreeMap<String, String>,
 }
 
-impl Plan {
-    /// Checks a request.
-    ///
-    /// # Errors
-    /// A [`Problem`] with the JSON pointer of what is wrong.
-    pub fn parse(request: &Request) -> Result<Self, Problem> {
-        let inputs = TwoStimulusInputs::parse(&request.inputs)?;
-        let spec = Box::new(CheckedSpec::parse(&request.spec, inputs.is_responses())?);
+impl Analysis for Plan {
+    const KIND: Kind = Kind::named("two_stimulus");
+    const TITLE: &'static str = "Two-stimulus estimate";
+    const SUMMARY: &'static str = "Feedforward and feedback from a command and a disturbance at the plant's input, which tell them apart \
+        without assumed degrees: line by line with intervals, and by structures such as McRuer's, with the shares of the trials that each \
+        accounts for.";
+    const RESULT_VERSION: u32 = 2;
+    const EXAMPLE: &'static str = include_str!("example.json");
+
+    type Inputs = TwoStimulusInputs;
+    type Spec = TwoStimulusSpec;
+    type Result = TwoStimulusResult;
+
+    fn check(inputs: TwoStimulusInputs, spec: TwoStimulusSpec) -> Result<Self, Problem> {
+        let spec = Box::new(CheckedSpec::new(spec, inputs.is_responses())?);
         if let Some(plant) = inputs.inline_plant() {
-            problems::check_plant(plant, "/inputs/plant")?;
+            check_plant(plant, "/inputs/plant")?;
         }
         Ok(Self { inputs, spec })
     }
 
-    /// The stored things that it needs.
-    #[must_use]
-    pub fn references(&self) -> References {
-        self.inputs.references()
+    fn inputs(&self) -> &TwoStimulusInputs {
+        &self.inputs
     }
 
-    /// The spec with its defaults filled in.
-    #[must_use]
-    pub fn spec(&self) -> &TwoStimulusSpec {
-        self.spec.written()
+    fn spec(&self) -> &TwoStimulusSpec {
+        &self.spec.used
     }
 
-    /// The request with its defaults filled in; parsing it again gives an equal plan.
-    #[must_use]
-    pub fn request(&self) -> Request {
-        let (inputs, spec) = (self.inputs.to_value(), json!(self.spec()));
-        Request { kind: Kind::TwoStimulus.name().to_owned(), inputs, spec }
+    fn seed(&self) -> Option<u64> {
+        (!self.spec.structures.is_empty()).then_some(self.spec.seed)
     }
 
-    /// Computes the report; progress counts segments, then starts of each fit.
-    ///
-    /// # Errors
-    /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question: `not_identifiable` where the
-    /// disturbance excites nothing, since the command alone does not determine the feedback.
-    pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
-        let Material { plant, lines, stimuli, held_out_stimuli, trials, held_out, mut warnings, hashes } =
+    /// Progress counts segments, then starts of each fit. Where the disturbance excites nothing the problem is `not_identifiable`, since the
+    /// command alone does not determine the feedback.
+    fn run(&self, library: &Library, ctl: &Ctl) -> Result<Outcome<TwoStimulusResult>, Failure> {
+        let Material { plant, lines, stimuli, held_out_stimuli, trials, held_out, mut warnings } =
             self.material(library, ctl)?;
         if !lines.iter().any(|line| line.disturbance.is_some()) {
             return Err(no_disturbance(&lines).into());
@@ -122,7 +114,7 @@ impl Plan {
         let free = controllers(&lines);
         findings::of_estimate(&free, &plant, self.inputs.is_responses(), &mut warnings);
         let (mut fits, mut laws) = (Vec::new(), Vec::new());
-        for (i, structure) in self.spec().structures.iter().enumerate() {
+        for (i, structure) in self.spec.structures.iter().enumerate() {
             let (fit, law) =
                 self.fitted(i, *structure, &plant, &free, &lines, &trials, &held_out, &mut warnings, ctl)?;
             fits.push(fit);
@@ -139,7 +131,7 @@ impl Plan {
             None => None,
             Some((recipe, limit)) => Some(pool::best(recipe, &plant, sample_time_s, &lines, limit, ctl)?),
         };
-        let regularised = if self.spec().regularise {
+        let regularised = if self.spec.regularise {
             let law = best.and_then(|best| Some((best, laws[best].as_ref()?)));
             let both = [stimuli.as_ref(), held_out_stimuli.as_ref()];
             Some(prediction::regularised(law, both, [&trials, &held_out], ctl).map_err(Failure::Stopped)?)
@@ -155,11 +147,11 @@ impl Plan {
             fits,
             best,
         };
-        let spec = self.spec();
-        let seed = (!spec.structures.is_empty()).then_some(spec.seed);
-        Ok(Report::new(Kind::TwoStimulus, RESULT_VERSION, json!(result), warnings, json!(spec), hashes, seed))
+        Ok(Outcome::new(result, warnings))
     }
+}
 
+impl Plan {
     #[expect(clippy::too_many_arguments, reason = "one call, of what the run has at hand")]
     fn fitted(
         &self,
@@ -173,7 +165,7 @@ impl Plan {
         warnings: &mut Vec<Warning>,
         ctl: &Ctl,
     ) -> Result<(StructureFit, Option<Fitted>), Failure> {
-        let spec = self.spec();
+        let spec = &self.spec;
         let logs: Vec<f64> = lines.iter().map(|line| line.omega_rad_s.ln()).collect();
         let scale = crate::num::stats::mean(&logs).map_or(1.0, f64::exp);
         let person = Person::new(plant, structure, spec.delay_s, scale).map_err(|error| {
@@ -203,12 +195,8 @@ impl Plan {
 
     fn material(&self, library: &Library, ctl: &Ctl) -> Result<Material, Failure> {
         match &self.inputs {
-            TwoStimulusInputs::Responses { plant, data } => {
-                let system = problems::check_plant(plant, "/inputs/plant")?;
-                let hashes = BTreeMap::from([
-                    ("/inputs/plant".to_owned(), sha256_json(&json!(plant))),
-                    ("/inputs/frequency_response".to_owned(), sha256_json(&json!(data))),
-                ]);
+            TrialsOrResponses::Responses(PlantAndResponses { plant, frequency_response: data }) => {
+                let system = check_plant(plant, "/inputs/plant")?;
                 let mut lines = Vec::new();
                 for (k, omega) in data.omega_rad_s.iter().enumerate() {
                     let response = system.response(*omega);
@@ -231,13 +219,13 @@ impl Plan {
                 }
                 let (trials, held_out, warnings) = (Vec::new(), Vec::new(), Vec::new());
                 let (stimuli, held_out_stimuli) = (None, None);
-                Ok(Material { plant: system, lines, stimuli, held_out_stimuli, trials, held_out, warnings, hashes })
+                Ok(Material { plant: system, lines, stimuli, held_out_stimuli, trials, held_out, warnings })
             }
-            TwoStimulusInputs::Trials(inputs) => {
+            TrialsOrResponses::Trials(inputs) => {
                 let Resolved { plant, fitted: trials, held_out } = inputs.resolve(library)?;
                 let refs: Vec<&Trial> = trials.iter().map(ResolvedTrial::trial).collect();
-                let Some(settings) = self.spec.frequency() else {
-                    // The spec of trials always has settings; see `CheckedSpec::parse`.
+                let Some(settings) = &self.spec.frequency else {
+                    // The spec of trials always has settings; see `CheckedSpec::new`.
                     let detail = "the spec was checked for responses in the request";
                     return Err(Problem::new(Code::Internal, "no frequency settings", detail).into());
                 };
@@ -251,10 +239,8 @@ impl Plan {
                 if !lines.has(Stimulus::Disturbance) {
                     return Err(no_disturbance(&[]).into());
                 }
-                let mut hashes = inputs_sha256(&trials, true);
-                hashes.extend(inputs_sha256(&held_out, false));
                 let held_refs: Vec<&Trial> = held_out.iter().map(ResolvedTrial::trial).collect();
-                let held_out_stimuli = if held_refs.is_empty() || !self.spec().regularise {
+                let held_out_stimuli = if held_refs.is_empty() || !self.spec.regularise {
                     None
                 } else {
                     let found = stimulus_lines(&held_refs, settings, ctl).map_err(|error| match error {
@@ -264,7 +250,7 @@ impl Plan {
                     Some(found)
                 };
                 let (responses, stimuli) = (responses(&lines), Some(lines));
-                Ok(Material { plant, lines: responses, stimuli, held_out_stimuli, trials, held_out, warnings, hashes })
+                Ok(Material { plant, lines: responses, stimuli, held_out_stimuli, trials, held_out, warnings })
             }
         }
     }

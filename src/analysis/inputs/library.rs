@@ -1,7 +1,7 @@
 //! Stored things that an analysis refers to, and how it gets them.
 
-use super::ids::{PlantId, TrialId};
-use super::problem::{Code, Problem};
+use crate::analysis::ids::{PlantId, TrialId};
+use crate::analysis::problem::{Code, Problem};
 use crate::control::Model;
 use crate::identify::search::Shared;
 use crate::trial::Trial;

@@ -1,18 +1,37 @@
 //! Settings of frequency data as people write them, and what can be wrong with them and with the data, as problems.
 
-use super::problem::{Code, Problem};
-use super::reading;
-use super::trial_input::ResolvedTrial;
+use super::trials::ResolvedTrial;
+use crate::analysis::problem::{Code, Problem};
+use crate::analysis::reading;
 use crate::response::{CheckedSettings, FrequencyError, FrequencySettings, SettingsError, Stimulus};
+use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
-/// Reads and checks settings; `pointer` is where they are in the request (`/spec`).
+/// Reads settings; `pointer` is where they are in the request (`/spec`).
 ///
 /// # Errors
 /// An `invalid` [`Problem`] that names the field.
-pub fn parse_settings(members: Map<String, Value>, pointer: &str) -> Result<CheckedSettings, Problem> {
-    let settings: FrequencySettings = reading::members(&members, pointer, "unusable setting")?;
-    settings.check().map_err(|error| settings_problem(&error, pointer))
+pub fn read_settings(members: &Map<String, Value>, pointer: &str) -> Result<FrequencySettings, Problem> {
+    reading::members(members, pointer, "unusable setting")
+}
+
+/// Reads a spec all of whose members may be left out, one of which is `frequency`.
+///
+/// # Errors
+/// An `invalid` [`Problem`] that names the field, of the settings too.
+pub fn read_spec<T: DeserializeOwned>(value: &Value, at: &str) -> Result<T, Problem> {
+    if let Some(Value::Object(settings)) = value.get("frequency") {
+        read_settings(settings, &format!("{at}/frequency"))?;
+    }
+    reading::spec(value, at)
+}
+
+/// Checks settings; `pointer` is where they are in the request.
+///
+/// # Errors
+/// An `invalid` [`Problem`] that names the field.
+pub fn check_settings(settings: &FrequencySettings, pointer: &str) -> Result<CheckedSettings, Problem> {
+    settings.clone().check().map_err(|error| settings_problem(&error, pointer))
 }
 
 fn settings_problem(error: &SettingsError, pointer: &str) -> Problem {
