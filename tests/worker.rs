@@ -412,7 +412,7 @@ async fn a_worker_whose_lease_was_taken_stops_and_writes_nothing() {
     let worker = bench.start(quick());
     hear(has_began).await;
     // Deleted under the worker: the lease is gone.
-    bench.store.delete_analysis(id).await.unwrap();
+    bench.store.delete::<AnalysisRecord>(id, None).await.unwrap();
     in_time(async {
         while stopped.lock().unwrap().is_empty() {
             tokio::time::sleep(Duration::from_millis(3)).await;
@@ -420,7 +420,7 @@ async fn a_worker_whose_lease_was_taken_stops_and_writes_nothing() {
     })
     .await;
     worker.stop().await;
-    assert_eq!(*stopped.lock().unwrap(), [StopReason::LeaseLost]);
+    assert_eq!(*stopped.lock().unwrap(), [StopReason::Withdrawn]);
     assert!(matches!(bench.store.analysis(id).await, Err(StoreError::NotFound { .. })));
 }
 

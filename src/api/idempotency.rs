@@ -1,8 +1,8 @@
 //! Keys that make a repeated creation harmless.
 
 use super::problem::{ApiError, ApiResult};
-use crate::analysis::report::hexadecimal;
 use crate::analysis::{Code, Problem};
+use crate::num::hexadecimal::hexadecimal;
 use crate::store::{Created, IdempotencyKey};
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;

@@ -1,6 +1,6 @@
 //! Linear matrix equations: Lyapunov, Stein and Sylvester, through Schur forms (Bartels and Stewart, CACM 15, 820–826, 1972).
 
-use crate::num::linalg::NoConvergence;
+use crate::num::linalg::{NoConvergence, symmetric};
 use crate::num::schur::ComplexSchur;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
@@ -231,12 +231,6 @@ pub fn sylvester(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>) -> Result
     let x = solve(c);
     let residual = c - a * &x - &x * b;
     Ok(&x + solve(&residual))
-}
-
-/// The symmetric part `(M + Mᵀ)/2`.
-#[must_use]
-pub fn symmetric(m: &DMatrix<f64>) -> DMatrix<f64> {
-    (m + m.transpose()) * 0.5
 }
 
 fn complex(m: &DMatrix<f64>) -> DMatrix<Complex64> {

@@ -1,8 +1,8 @@
 //! White noise and quadratic costs over one sample (Van Loan, IEEE TAC 23, 395–404, 1978).
 
 use super::exponential::matrix_exponential;
-use super::lyapunov::symmetric;
 use super::time_base::Discrete;
+use crate::num::linalg::symmetric;
 use nalgebra::DMatrix;
 
 /// Why a noise or a cost could not be sampled.

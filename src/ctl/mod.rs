@@ -19,8 +19,8 @@ pub enum StopReason {
     Cancelled = 1,
     /// The time that the analysis was given has passed.
     Deadline = 2,
-    /// The lease went to another worker; whatever is computed now would be thrown away.
-    LeaseLost = 3,
+    /// Nobody waits for the result any more; whatever is computed now would be thrown away.
+    Withdrawn = 3,
     /// The process is going down and hands the work back.
     Shutdown = 4,
 }
@@ -70,7 +70,7 @@ impl Ctl {
             0 => Ok(()),
             1 => Err(Stopped(StopReason::Cancelled)),
             2 => Err(Stopped(StopReason::Deadline)),
-            3 => Err(Stopped(StopReason::LeaseLost)),
+            3 => Err(Stopped(StopReason::Withdrawn)),
             _ => Err(Stopped(StopReason::Shutdown)),
         }
     }

@@ -82,6 +82,21 @@ pub fn svd(a: &DMatrix<f64>) -> Result<SingularValueDecomposition, NoConvergence
     ))
 }
 
+/// The symmetric part `(M + Mᵀ)/2` of a square matrix.
+#[must_use]
+pub(crate) fn symmetric(m: &DMatrix<f64>) -> DMatrix<f64> {
+    (m + m.transpose()) * 0.5
+}
+
+/// `M⁻¹X` for a symmetric M: by Cholesky where it is definite, by LU otherwise; NaN where it is singular.
+#[must_use]
+pub(crate) fn solve_symmetric(m: &DMatrix<f64>, x: &DMatrix<f64>) -> DMatrix<f64> {
+    if let Some(factor) = m.clone().cholesky() {
+        return factor.solve(x);
+    }
+    m.clone().lu().solve(x).unwrap_or_else(|| DMatrix::from_element(x.nrows(), x.ncols(), f64::NAN))
+}
+
 /// The minimiser of `‖A x − b‖₂` by Householder QR, with the squared residual.
 ///
 /// `None` where the columns of `A` are linearly dependent to working precision

@@ -23,6 +23,7 @@ mod error;
 mod idempotency;
 mod leases;
 mod library;
+mod nouns;
 mod open;
 mod plants;
 pub mod records;
@@ -37,10 +38,6 @@ mod trials;
 
 pub use clock::Clock;
 pub use error::{StoreError, StoreResult};
+pub use nouns::{Change, Noun};
 pub use open::Store;
 pub use records::*;
-
-use crate::control::Model;
-
-/// The plant model of a plant record, parsed.
-pub type PlantModel = Model;

@@ -34,7 +34,7 @@ impl Store {
     }
 
     /// Runs a deletion to its end and clears its traces away, even when whoever asked has gone away meanwhile.
-    pub(super) async fn delete<T, F>(&self, deletion: F) -> StoreResult<T>
+    pub(super) async fn erase<T, F>(&self, deletion: F) -> StoreResult<T>
     where
         T: Send + 'static,
         F: Future<Output = StoreResult<T>> + Send + 'static,

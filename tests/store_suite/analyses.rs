@@ -23,7 +23,7 @@ async fn an_analysis_comes_back_as_it_was_asked_for() {
     assert_not_found(bench.store.analysis(nothing).await, "analysis");
     assert_not_found(bench.store.report_json(nothing).await, "analysis");
     assert_not_found(bench.store.request_cancel(nothing).await, "analysis");
-    assert_not_found(bench.store.delete_analysis(nothing).await, "analysis");
+    assert_not_found(bench.store.delete::<AnalysisRecord>(nothing, None).await, "analysis");
 }
 
 #[tokio::test]
@@ -219,7 +219,7 @@ async fn the_store_follows_the_rules_in_every_short_history() {
             assert_eq!(bench.store.report_json(id).await.unwrap().is_some(), job.status == Status::Succeeded);
         }
         if !job.status.is_final() {
-            bench.store.delete_analysis(id).await.unwrap();
+            bench.store.delete::<AnalysisRecord>(id, None).await.unwrap();
         }
     }
 }

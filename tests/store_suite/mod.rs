@@ -10,9 +10,9 @@ use serde_json::json;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use volition::analysis::ids::{PlantId, StudyId, SubjectId, TrialId};
-use volition::analysis::report::hexadecimal;
 use volition::analysis::{Code, Kind, Problem, Report, Request};
 use volition::control::Model;
+use volition::num::hexadecimal::hexadecimal;
 use volition::store::{
     Clock, Created, IdempotencyKey, NewAnalysis, NewPlant, NewStudy, NewSubject, NewTrial, Page, Store, StoreError,
 };

@@ -1,9 +1,10 @@
 //! The matrices of the question.
 
+use crate::num::linalg::symmetric;
 use super::problems;
 use crate::analysis::kind::Kind;
 use crate::analysis::problem::{Code, Problem};
-use crate::control::lyapunov::{Clock, symmetric};
+use crate::control::lyapunov::Clock;
 use crate::control::riccati::SYMMETRY;
 use crate::inverse::Gains;
 use crate::inverse::gains::LARGEST_ENTRY;

@@ -164,15 +164,15 @@ enum Kind {
 }
 
 impl Kind {
-    fn of(headers: &HeaderMap) -> Result<Self, Problem> {
+    fn of(headers: &HeaderMap) -> ApiResult<Self> {
         match media_type(headers).as_deref() {
             Some("text/csv") => Ok(Self::Csv),
             Some("application/json") => Ok(Self::Json),
             Some("multipart/form-data") => {
                 let text = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
-                files::boundary(text).map(|boundary| Self::Form { boundary })
+                Ok(Self::Form { boundary: files::boundary(text)? })
             }
-            _ => Err(unsupported(headers, "text/csv, application/json or multipart/form-data")),
+            _ => Err(unsupported(headers, "text/csv, application/json or multipart/form-data").into()),
         }
     }
 }

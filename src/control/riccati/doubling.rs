@@ -2,7 +2,8 @@
 //! Appl. 396, 55–80, 2005).
 
 use super::Riccati;
-use crate::control::lyapunov::{Clock, symmetric};
+use crate::control::lyapunov::Clock;
+use crate::num::linalg::symmetric;
 use nalgebra::DMatrix;
 
 /// Doublings at most: 2⁶⁰ steps of the fixed-point iteration.

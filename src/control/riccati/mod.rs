@@ -8,9 +8,9 @@ mod doubling;
 mod newton;
 mod sign;
 
-use super::lyapunov::{Clock, LinearEquationError, symmetric};
+use super::lyapunov::{Clock, LinearEquationError};
 use super::structural::{self, StructuralError};
-use crate::num::linalg::NoConvergence;
+use crate::num::linalg::{NoConvergence, solve_symmetric, symmetric};
 pub use doubling::doubling;
 use nalgebra::DMatrix;
 pub use newton::{Newton, newton};
@@ -144,8 +144,7 @@ fn check_symmetric(matrix: &'static str, value: &DMatrix<f64>) -> Result<DMatrix
 }
 
 /// The least and the largest eigenvalue of a symmetric matrix; zeros of an empty one.
-#[must_use]
-pub fn extreme_eigenvalues(m: &DMatrix<f64>) -> (f64, f64) {
+fn extreme_eigenvalues(m: &DMatrix<f64>) -> (f64, f64) {
     if m.is_empty() {
         return (0.0, 0.0);
     }
@@ -278,12 +277,4 @@ impl Riccati {
     fn input_weight(&self) -> DMatrix<f64> {
         symmetric(&(&self.b * solve_symmetric(&self.r, &self.b.transpose())))
     }
-}
-
-/// `M⁻¹X` for a symmetric M: by Cholesky where it is definite, by LU otherwise; NaN where it is singular.
-pub(crate) fn solve_symmetric(m: &DMatrix<f64>, x: &DMatrix<f64>) -> DMatrix<f64> {
-    if let Some(factor) = m.clone().cholesky() {
-        return factor.solve(x);
-    }
-    m.clone().lu().solve(x).unwrap_or_else(|| DMatrix::from_element(x.nrows(), x.ncols(), f64::NAN))
 }

@@ -1,7 +1,8 @@
 //! The matrix sign function (Roberts 1971, Int. J. Control 32, 677–687, 1980; Byers, Linear Algebra Appl. 85, 267–279, 1987).
 
 use super::Riccati;
-use crate::control::lyapunov::{Clock, symmetric};
+use crate::control::lyapunov::Clock;
+use crate::num::linalg::symmetric;
 use nalgebra::DMatrix;
 
 /// Newton steps at most.

@@ -4,9 +4,9 @@ use crate::control::System;
 use crate::identify::pool::Recipe;
 use crate::identify::pool::recipe::Ingredients;
 use crate::identify::pool::roots::RootPair;
+use crate::num::hexadecimal::hexadecimal;
 use crate::num::{Complex64, Polynomial};
 use sha2::{Digest, Sha256};
-use std::fmt::Write as _;
 
 /// Names something on a [`Shelf`](super::Shelf) by its kind and the SHA-256 of everything that it depends on, the code included: two
 /// things with the same key are interchangeable.
@@ -32,11 +32,7 @@ impl Key {
     /// The hash in lower-case hexadecimal.
     #[must_use]
     pub fn hexadecimal(&self) -> String {
-        self.sha256.iter().fold(String::with_capacity(64), |mut text, byte| {
-            // Writing to a String cannot fail.
-            let _ = write!(text, "{byte:02x}");
-            text
-        })
+        hexadecimal(&self.sha256)
     }
 }
 
