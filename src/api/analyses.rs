@@ -75,13 +75,14 @@ pub struct ProgressView {
     total: u64,
     /// Seconds left; null while that is not known.
     eta_s: Option<f64>,
-    /// How near the search for a best candidate is; only while it goes on, and where it was cancelled or its time has passed.
+    /// How near the search for a best candidate is; only while it goes on, and where it was cancelled or its time has
+    /// passed.
     #[serde(skip_serializing_if = "Option::is_none")]
     bracket: Option<BracketView>,
 }
 
-/// Between which two values the smallest cost of a pool lies. An analysis may search several pools, one after another; this is of
-/// the search under way, or of the last one.
+/// Between which two values the smallest cost of a pool lies. An analysis may search several pools, one after another;
+/// this is of the search under way, or of the last one.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "Bracket")]
 pub struct BracketView {
@@ -286,8 +287,8 @@ async fn study_of(state: &AppState, new: &NewAnalysis, inputs: &Value) -> ApiRes
 
 /// Queues an analysis.
 ///
-/// `inputs` names stored trials and plants by id, or carries the data itself; `spec` says how it is computed. Both depend
-/// on the kind.
+/// `inputs` names stored trials and plants by id, or carries the data itself; `spec` says how it is computed. Both
+/// depend on the kind.
 #[utoipa::path(post, path = "/v1/analyses", tag = "analyses", operation_id = "create_analysis",
     params(IdempotencyHeader),
     request_body(content = Request, example = json!({

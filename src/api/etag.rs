@@ -52,8 +52,8 @@ pub struct IfNoneMatch {
 #[into_params(parameter_in = Header)]
 #[allow(dead_code, reason = "documents a header that is read from the header map")]
 pub struct IfMatch {
-    /// The ETag of the state that the change is meant for; where it has changed since, nothing is done and the answer is
-    /// 412.
+    /// The ETag of the state that the change is meant for; where it has changed since, nothing is done and the answer
+    /// is 412.
     #[param(rename = "If-Match", required = false, nullable = false, value_type = Option<String>)]
     if_match: Option<String>,
 }

@@ -35,8 +35,8 @@ pub struct AnalysisEvent {
 }
 
 /// Follows an analysis: an event `status` with the whole analysis at once and whenever its status changes, an event
-/// `progress` whenever it got on. The stream ends when the analysis is finished. Where it was deleted meanwhile, the last
-/// event is `problem`. The ids of events are versions of the analysis.
+/// `progress` whenever it got on. The stream ends when the analysis is finished. Where it was deleted meanwhile, the
+/// last event is `problem`. The ids of events are versions of the analysis.
 #[utoipa::path(get, path = "/v1/analyses/{analysis}/events", tag = "analyses", operation_id = "follow_analysis",
     params(AnalysisPath),
     responses((status = 200, description = "Events `status`, `progress`, `problem`; the data of the first two is an Analysis.",

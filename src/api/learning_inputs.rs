@@ -33,7 +33,8 @@ pub struct CurveQuery {
     /// Whether divergent trials are shown.
     #[param(required = false, default = false)]
     pub include_divergent: bool,
-    /// Show the subsystem identifications with this `spec_sha256`; without it, those with the spec that covers most trials.
+    /// Show the subsystem identifications with this `spec_sha256`; without it, those with the spec that covers most
+    /// trials.
     #[param(nullable = false, pattern = "^[0-9a-f]{64}$")]
     pub spec: Option<String>,
     /// Values dropped at each end in trimmed statistics.

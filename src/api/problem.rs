@@ -1,7 +1,7 @@
 //! Everything that goes wrong leaves as `application/problem+json` (RFC 9457).
 //!
-//! Handlers answer with an [`ApiError`]; it travels as an extension of the response to [the fence around all routes](super::router()), which
-//! knows the request's id and writes the body.
+//! Handlers answer with an [`ApiError`]; it travels as an extension of the response to [the fence around all
+//! routes](super::router()), which knows the request's id and writes the body.
 
 use crate::analysis::problem::ProblemCode;
 use crate::analysis::{Code, Problem};

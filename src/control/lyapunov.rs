@@ -1,4 +1,5 @@
-//! Linear matrix equations: Lyapunov, Stein and Sylvester, through Schur forms (Bartels and Stewart, CACM 15, 820–826, 1972).
+//! Linear matrix equations: Lyapunov, Stein and Sylvester, through Schur forms (Bartels and Stewart, CACM 15, 820–826,
+//! 1972).
 
 use crate::num::linalg::{NoConvergence, symmetric};
 use crate::num::schur::ComplexSchur;
@@ -86,7 +87,8 @@ impl Lyapunov {
         self.eigenvalues().all(|v| self.clock.margin(v) > 0.0)
     }
 
-    /// X with `AᵀX + XA + Q = 0` (`AᵀXA − X + Q = 0` in sampled time), for a symmetric Q; symmetric, with one step of iterative refinement.
+    /// X with `AᵀX + XA + Q = 0` (`AᵀXA − X + Q = 0` in sampled time), for a symmetric Q; symmetric, with one step of
+    /// iterative refinement.
     #[must_use]
     pub fn solve(&self, q: &DMatrix<f64>) -> DMatrix<f64> {
         let x = self.raw(q);

@@ -37,7 +37,8 @@ pub struct SampledNoise {
     pub covariance: DMatrix<f64>,
 }
 
-/// Samples `ẋ = Ax + w` with white noise of intensity W, n×n: from `exp([−A W; 0 Aᵀ]T) = [· F; 0 Φᵀ]` the covariance is ΦF.
+/// Samples `ẋ = Ax + w` with white noise of intensity W, n×n: from `exp([−A W; 0 Aᵀ]T) = [· F; 0 Φᵀ]` the covariance is
+/// ΦF.
 ///
 /// # Errors
 /// [`StochasticError`].
@@ -86,7 +87,8 @@ pub struct SampledCost {
     pub r: DMatrix<f64>,
 }
 
-/// Samples `ẋ = Ax + Bu` with u held and the cost `∫ xᵀQx + uᵀRu dt`: the noise covariance of the adjoint system with state `[x; u]`.
+/// Samples `ẋ = Ax + Bu` with u held and the cost `∫ xᵀQx + uᵀRu dt`: the noise covariance of the adjoint system with
+/// state `[x; u]`.
 ///
 /// # Errors
 /// [`StochasticError`].

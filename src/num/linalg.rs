@@ -62,7 +62,8 @@ pub fn complex_singular_values(a: &DMatrix<Complex64>) -> Result<Vec<f64>, NoCon
 /// Left singular vectors (rows × min), singular values (largest first) and right singular vectors (columns × columns).
 pub type SingularValueDecomposition = (DMatrix<f64>, Vec<f64>, DMatrix<f64>);
 
-/// The singular value decomposition `A = U diag(σ) Vᵀ`; V is square, its last columns span the null space of a wide or deficient A.
+/// The singular value decomposition `A = U diag(σ) Vᵀ`; V is square, its last columns span the null space of a wide or
+/// deficient A.
 ///
 /// # Errors
 /// [`NoConvergence`], also for a matrix with an entry that is not finite.

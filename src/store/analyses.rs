@@ -171,8 +171,8 @@ fn by_status(counts: &[(String, i64)]) -> Vec<(Status, u64)> {
 }
 
 impl Store {
-    /// Queues an analysis. The request is canonical (defaults filled in); its references must exist (`NotFound` else) and
-    /// be of one study, which becomes the analysis's where none is given.
+    /// Queues an analysis. The request is canonical (defaults filled in); its references must exist (`NotFound` else)
+    /// and be of one study, which becomes the analysis's where none is given.
     ///
     /// # Errors
     /// [`StoreError::NotFound`] (study, trial, plant), [`StoreError::Conflict`] (`other_study`,

@@ -176,9 +176,9 @@ impl Store {
     /// content is a conflict (`trial_number_taken`).
     ///
     /// # Errors
-    /// [`StoreError::NotFound`] (subject; plant, also one of another study), [`StoreError::Conflict`] (`trial_number_taken`,
-    /// `idempotent_result_deleted`), [`StoreError::KeyReused`], [`StoreError::Damaged`] where a hash given is not that of
-    /// the content, the database's own.
+    /// [`StoreError::NotFound`] (subject; plant, also one of another study), [`StoreError::Conflict`]
+    /// (`trial_number_taken`, `idempotent_result_deleted`), [`StoreError::KeyReused`], [`StoreError::Damaged`] where a
+    /// hash given is not that of the content, the database's own.
     pub async fn create_trials(
         &self,
         subject: SubjectId,

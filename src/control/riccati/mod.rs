@@ -1,7 +1,8 @@
 //! Algebraic Riccati equations.
 //!
 //! Two methods that share no step, structure-preserving doubling ([`doubling()`]) and the matrix sign function
-//! ([`sign_function`]), start [`newton()`], whose answer is accepted only with a stable closed loop and a small residual.
+//! ([`sign_function`]), start [`newton()`], whose answer is accepted only with a stable closed loop and a small
+//! residual.
 #![allow(non_snake_case)]
 
 mod doubling;
@@ -21,13 +22,14 @@ pub use sign::sign_function;
 pub const SYMMETRY: f64 = 1e-10;
 /// A weight is positive semidefinite where its least eigenvalue is above minus this share of its largest.
 pub const SEMIDEFINITE: f64 = 1e-12;
-/// Relative residual up to which a solution is accepted. Random equations end at 1e-15; this is for loops whose fast poles are 1e9 times
-/// their slow ones, where A is lost in A − BK.
+/// Relative residual up to which a solution is accepted. Random equations end at 1e-15; this is for loops whose fast
+/// poles are 1e9 times their slow ones, where A is lost in A − BK.
 pub const RESIDUAL: f64 = 1e-6;
 
 /// The equation `AᵀP + PA − PBR⁻¹BᵀP + Q = 0`, in sampled time `AᵀPA − P − AᵀPB(R + BᵀPB)⁻¹BᵀPA + Q = 0`.
 ///
-/// With n states and m inputs A and Q are n×n, B is n×m and R is m×m; the sizes agree, Q and R are exactly symmetric, R ≻ 0.
+/// With n states and m inputs A and Q are n×n, B is n×m and R is m×m; the sizes agree, Q and R are exactly symmetric, R
+/// ≻ 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Riccati {
     pub(crate) a: DMatrix<f64>,
@@ -198,8 +200,9 @@ impl Riccati {
     /// The stabilising solution.
     ///
     /// # Errors
-    /// [`RiccatiError::Structure`] where (A, B) is not stabilisable, or Q does not see a mode on the boundary of stability (no
-    /// solution is stabilising then); [`RiccatiError::Unsolved`] where rounding leaves no method a solution.
+    /// [`RiccatiError::Structure`] where (A, B) is not stabilisable, or Q does not see a mode on the boundary of
+    /// stability (no solution is stabilising then); [`RiccatiError::Unsolved`] where rounding leaves no method a
+    /// solution.
     pub fn solve(&self) -> Result<RiccatiSolution, RiccatiError> {
         let mut last = RiccatiError::Unsolved { reason: "no method converged", residual: f64::INFINITY };
         for method in [doubling, sign_function] {
