@@ -25,7 +25,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
 /// An event of an analysis, as clients read it.
 #[derive(Debug, JsonSchema)]
 #[allow(dead_code, reason = "documents what is streamed")]
-pub struct AnalysisEvent {
+pub(crate) struct AnalysisEvent {
     /// `status`, `progress` or `problem`.
     event: String,
     /// Version of the analysis; problems have none.
@@ -39,9 +39,10 @@ pub struct AnalysisEvent {
 /// last event is `problem`. The ids of events are versions of the analysis.
 #[utoipa::path(get, path = "/v1/analyses/{analysis}/events", tag = "analyses", operation_id = "follow_analysis",
     params(AnalysisPath),
-    responses((status = 200, description = "Events `status`, `progress`, `problem`; the data of the first two is an Analysis.",
+    responses((status = 200,
+        description = "Events `status`, `progress`, `problem`; the data of the first two is an Analysis.",
         body = AnalysisEvent, content_type = "text/event-stream")))]
-pub async fn follow(
+pub(crate) async fn follow(
     State(state): State<AppState>,
     Id(id): Id<AnalysisId>,
     Params(()): Params<()>,

@@ -19,7 +19,7 @@ use axum::response::Response;
             content((String = "text/csv", example = "t,signal\r\n0.0,0.0\r\n"))),
         (status = 404, description = "There is no such analysis, or its result carries no samples."),
         (status = 409, description = "There is no report: the analysis is not finished, failed, or was cancelled.")))]
-pub async fn read(
+pub(crate) async fn read(
     State(state): State<AppState>,
     Id(id): Id<AnalysisId>,
     Params(()): Params<()>,
