@@ -1,8 +1,8 @@
 //! Analyses: asked for here, computed by workers.
 
-use super::cursor::{PageQuery, Pager};
+use super::cursor::{PageQuery, Paged};
 use super::etag::{self, IfNoneMatch};
-use super::extract::{FromQuery, Id, Json, Params, QueryText, off_thread};
+use super::extract::{FromQuery, Json, Params, QueryText, off_thread};
 use super::idempotency::{Idempotency, IdempotencyHeader, mark};
 use super::named::{Named, View};
 use super::problem::{ApiResult, unless_missing};
@@ -17,7 +17,7 @@ use crate::jobs::Status;
 use crate::store::{AnalysisFilter, AnalysisRecord, NewAnalysis, StoreError};
 use crate::trial::pointer;
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::http::StatusCode;
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -323,16 +323,10 @@ pub(crate) async fn create(
 #[utoipa::path(get, path = "/v1/analyses", tag = "analyses", operation_id = "list_analyses",
     params(AnalysisQuery, PageQuery, IfNoneMatch),
     responses((status = 200, description = "A page of analyses, without their requests.", body = AnalysisList)))]
-pub(crate) async fn list(
-    State(state): State<AppState>,
-    uri: Uri,
-    headers: HeaderMap,
-    Params((filter, page)): Params<(AnalysisQuery, PageQuery)>,
-) -> ApiResult<Response> {
-    let pager = Pager::new(&uri, page)?;
-    let AnalysisQuery { study, trial, kind, status } = filter;
-    let rows = state.store.analyses(AnalysisFilter { study, trial, kind, status }, pager.page()).await?;
-    pager.answer(&headers, rows, |analysis| analysis.id.0, AnalysisView::brief)
+pub(crate) async fn list(list: Paged<AnalysisQuery>) -> ApiResult<Response> {
+    let AnalysisQuery { study, trial, kind, status } = list.filter.clone();
+    let rows = list.state.store.analyses(AnalysisFilter { study, trial, kind, status }, list.page()).await?;
+    list.answer(rows, |analysis| analysis.id.0, AnalysisView::brief)
 }
 
 /// Reads an analysis: its status, attempts and progress.
@@ -344,11 +338,12 @@ pub(crate) async fn read(analysis: Named<AnalysisView>) -> ApiResult<Response> {
 }
 
 /// The report's text, or why there is none.
-pub(super) async fn report_text(state: &AppState, id: AnalysisId) -> ApiResult<String> {
-    if let Some(text) = state.store.report_json(id).await? {
+pub(super) async fn report_text(analysis: &Named<AnalysisView>) -> ApiResult<String> {
+    let store = &analysis.state.store;
+    if let Some(text) = store.report_json(analysis.id).await? {
         return Ok(text);
     }
-    let record = state.store.analysis(id).await?;
+    let record = store.analysis(analysis.id).await?;
     let status = record.status.name();
     let (title, mend) = match record.status {
         Status::Failed => ("failed", "GET the analysis: its problem says why."),
@@ -363,14 +358,9 @@ pub(super) async fn report_text(state: &AppState, id: AnalysisId) -> ApiResult<S
     params(AnalysisPath, IfNoneMatch),
     responses((status = 200, description = "The report.", body = Report),
         (status = 409, description = "There is no report: the analysis is not finished, failed, or was cancelled.")))]
-pub(crate) async fn report(
-    State(state): State<AppState>,
-    Id(id): Id<AnalysisId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    let text = report_text(&state, id).await?;
-    Ok(etag::conditional_bytes(&headers, "application/json", text.into_bytes()))
+pub(crate) async fn report(analysis: Named<AnalysisView>) -> ApiResult<Response> {
+    let text = report_text(&analysis).await?;
+    Ok(etag::conditional_bytes(&analysis.headers, "application/json", text.into_bytes()))
 }
 
 /// Cancels an analysis: a queued one at once, a running one within moments. A finished one stays as it is.

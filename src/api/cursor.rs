@@ -1,11 +1,14 @@
 //! Lists in pages by keyset: an opaque token names the last row of the page before.
 
 use super::etag::conditional;
-use super::extract::{FromQuery, QueryText};
-use super::problem::ApiResult;
+use super::extract::{FromQuery, Params, QueryText};
+use super::problem::{ApiError, ApiResult};
+use super::state::AppState;
 use crate::analysis::{Code, Problem};
 use crate::num::hexadecimal::{self, hexadecimal};
 use crate::store::Page;
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, Uri, header};
 use axum::response::Response;
 use schemars::JsonSchema;
@@ -159,6 +162,41 @@ impl Pager {
             query.push_str(&format!("&{}={}", percent_encoded(name), percent_encoded(value)));
         }
         format!("<{}?{query}>; rel=\"next\"", self.path)
+    }
+}
+
+/// A request for a page of a list, with what the list is filtered by.
+pub(super) struct Paged<F> {
+    pub(super) state: AppState,
+    pub(super) filter: F,
+    pager: Pager,
+    headers: HeaderMap,
+}
+
+impl<F: FromQuery> FromRequestParts<AppState> for Paged<F> {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &AppState) -> ApiResult<Self> {
+        let Params((filter, page)) = Params::from_request_parts(parts, state).await?;
+        let pager = Pager::new(&parts.uri, page)?;
+        Ok(Self { state: state.clone(), filter, pager, headers: parts.headers.clone() })
+    }
+}
+
+impl<F> Paged<F> {
+    /// What to ask the store for.
+    pub(super) fn page(&self) -> Page {
+        self.pager.page()
+    }
+
+    /// The answer, from the rows that the store gave for [`Paged::page`].
+    pub(super) fn answer<R, T: Serialize>(
+        &self,
+        rows: Vec<R>,
+        id: impl Fn(&R) -> Uuid,
+        view: impl Fn(R) -> T,
+    ) -> ApiResult<Response> {
+        self.pager.answer(&self.headers, rows, id, view)
     }
 }
 

@@ -1,13 +1,10 @@
 //! The life of an analysis as server-sent events.
 
 use super::analyses::{AnalysisPath, AnalysisView};
-use super::extract::{Id, Params};
+use super::named::Named;
 use super::problem::{ApiError, ApiResult};
-use super::state::AppState;
-use crate::analysis::ids::AnalysisId;
 use crate::analysis::{Code, Problem};
 use crate::store::AnalysisRecord;
-use axum::extract::State;
 use axum::http::{HeaderValue, header};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
@@ -42,11 +39,7 @@ pub(crate) struct AnalysisEvent {
     responses((status = 200,
         description = "Events `status`, `progress`, `problem`; the data of the first two is an Analysis.",
         body = AnalysisEvent, content_type = "text/event-stream")))]
-pub(crate) async fn follow(
-    State(state): State<AppState>,
-    Id(id): Id<AnalysisId>,
-    Params(()): Params<()>,
-) -> ApiResult<Response> {
+pub(crate) async fn follow(Named { state, id, .. }: Named<AnalysisView>) -> ApiResult<Response> {
     let first = state.store.analysis(id).await?;
     let stream = async_stream::stream! {
         yield Ok::<_, Infallible>(event("status", &first));

@@ -1,7 +1,7 @@
 //! Plants: what subjects control.
 
 use super::checks::{self, NAME_PATTERN};
-use super::cursor::{PageQuery, Pager};
+use super::cursor::{PageQuery, Paged};
 use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{Id, Json, MergePatch, Params, from_value, present};
 use super::idempotency::{Idempotency, IdempotencyHeader};
@@ -15,7 +15,6 @@ use crate::analysis::{Code, Problem};
 use crate::control::Model;
 use crate::store::{NewPlant, Plant, PlantPatch};
 use axum::extract::State;
-use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -138,16 +137,9 @@ pub(crate) async fn create(
 #[utoipa::path(get, path = "/v1/studies/{study}/plants", tag = "plants", operation_id = "list_plants",
     params(StudyPath, PageQuery, IfNoneMatch),
     responses((status = 200, description = "A page of plants.", body = PlantList)))]
-pub(crate) async fn list(
-    State(state): State<AppState>,
-    Id(study): Id<StudyId>,
-    uri: Uri,
-    headers: HeaderMap,
-    Params(page): Params<PageQuery>,
-) -> ApiResult<Response> {
-    let pager = Pager::new(&uri, page)?;
-    let rows = state.store.plants(study, pager.page()).await?;
-    pager.answer(&headers, rows, |plant| plant.id.0, PlantView::from)
+pub(crate) async fn list(Id(study): Id<StudyId>, list: Paged<()>) -> ApiResult<Response> {
+    let rows = list.state.store.plants(study, list.page()).await?;
+    list.answer(rows, |plant| plant.id.0, PlantView::from)
 }
 
 /// Reads a plant.

@@ -1,15 +1,13 @@
 //! A trial's recording, bit for bit as it was uploaded.
 
 use super::etag::{ETag, IfNoneMatch, is_known, not_modified};
-use super::extract::{Id, Params, header_text};
+use super::extract::header_text;
+use super::named::Named;
 use super::problem::{ApiResult, RequestCode};
-use super::state::AppState;
-use super::trials::TrialPath;
+use super::trials::{TrialPath, TrialView};
 use crate::analysis::Problem;
-use crate::analysis::ids::TrialId;
 use crate::trial::{Trial, write};
 use axum::body::{Body, Bytes};
-use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use schemars::JsonSchema;
@@ -114,12 +112,7 @@ fn negotiate(headers: &HeaderMap) -> Result<Format, Problem<RequestCode>> {
                 (String = "text/csv", example = "t,r,u,y\r\n0.0,0.0,0.0,0.0\r\n"),
                 (SignalsDocument = "application/json"))),
         (status = 406, description = "Neither text/csv nor application/json is acceptable.")))]
-pub(crate) async fn read(
-    State(state): State<AppState>,
-    Id(id): Id<TrialId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
+pub(crate) async fn read(Named { state, id, headers }: Named<TrialView>) -> ApiResult<Response> {
     let format = negotiate(&headers)?;
     let record = state.store.trial(id).await?;
     let (suffix, media) = match format {

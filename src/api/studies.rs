@@ -1,7 +1,7 @@
 //! Studies.
 
 use super::checks::{self, NAME_PATTERN, TEXT_PATTERN};
-use super::cursor::{PageQuery, Pager};
+use super::cursor::{PageQuery, Paged};
 use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{Json, MergePatch, Params, or_default, present};
 use super::idempotency::{Idempotency, IdempotencyHeader};
@@ -12,7 +12,6 @@ use super::state::AppState;
 use crate::analysis::ids::StudyId;
 use crate::store::{NewStudy, Study, StudyPatch};
 use axum::extract::State;
-use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -118,15 +117,9 @@ pub(crate) async fn create(
 #[utoipa::path(get, path = "/v1/studies", tag = "studies", operation_id = "list_studies",
     params(PageQuery, IfNoneMatch),
     responses((status = 200, description = "A page of studies.", body = StudyList)))]
-pub(crate) async fn list(
-    State(state): State<AppState>,
-    uri: Uri,
-    headers: HeaderMap,
-    Params(page): Params<PageQuery>,
-) -> ApiResult<Response> {
-    let pager = Pager::new(&uri, page)?;
-    let rows = state.store.studies(pager.page()).await?;
-    pager.answer(&headers, rows, |study| study.id.0, StudyView::from)
+pub(crate) async fn list(list: Paged<()>) -> ApiResult<Response> {
+    let rows = list.state.store.studies(list.page()).await?;
+    list.answer(rows, |study| study.id.0, StudyView::from)
 }
 
 /// Reads a study.

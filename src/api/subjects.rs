@@ -1,7 +1,7 @@
 //! Subjects, by pseudonym.
 
 use super::checks::{self, NAME_PATTERN};
-use super::cursor::{PageQuery, Pager};
+use super::cursor::{PageQuery, Paged};
 use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{FromQuery, Id, Json, MergePatch, Params, QueryText, or_default, present};
 use super::idempotency::{Idempotency, IdempotencyHeader};
@@ -14,7 +14,6 @@ use crate::analysis::Problem;
 use crate::analysis::ids::{StudyId, SubjectId};
 use crate::store::{NewSubject, Subject, SubjectPatch};
 use axum::extract::State;
-use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -148,16 +147,9 @@ pub(crate) async fn create(
 #[utoipa::path(get, path = "/v1/studies/{study}/subjects", tag = "subjects", operation_id = "list_subjects",
     params(StudyPath, SubjectQuery, PageQuery, IfNoneMatch),
     responses((status = 200, description = "A page of subjects.", body = SubjectList)))]
-pub(crate) async fn list(
-    State(state): State<AppState>,
-    Id(study): Id<StudyId>,
-    uri: Uri,
-    headers: HeaderMap,
-    Params((filter, page)): Params<(SubjectQuery, PageQuery)>,
-) -> ApiResult<Response> {
-    let pager = Pager::new(&uri, page)?;
-    let rows = state.store.subjects(study, filter.group.as_deref(), pager.page()).await?;
-    pager.answer(&headers, rows, |subject| subject.id.0, SubjectView::from)
+pub(crate) async fn list(Id(study): Id<StudyId>, list: Paged<SubjectQuery>) -> ApiResult<Response> {
+    let rows = list.state.store.subjects(study, list.filter.group.as_deref(), list.page()).await?;
+    list.answer(rows, |subject| subject.id.0, SubjectView::from)
 }
 
 /// Reads a subject.

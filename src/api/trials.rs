@@ -1,19 +1,16 @@
 //! Trials without their signals.
 
-use super::cursor::{PageQuery, Pager};
+use super::cursor::{PageQuery, Paged};
 use super::etag::{IfMatch, IfNoneMatch};
-use super::extract::{Id, Integer, MergePatch, Params, present};
+use super::extract::{Id, Integer, MergePatch, present};
 use super::named::{Named, View};
 use super::problem::ApiResult;
 use super::schema::{Timestamp, TrialList};
-use super::state::AppState;
 use super::subjects::SubjectPath;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Code, Problem};
 use crate::learning::time_domain::TimeDomainMetrics;
 use crate::store::{TrialPatch, TrialRecord};
-use axum::extract::State;
-use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -130,16 +127,9 @@ pub(super) fn in_range(value: i64, min: i64, pointer: &str) -> Result<i64, Probl
 #[utoipa::path(get, path = "/v1/subjects/{subject}/trials", tag = "trials", operation_id = "list_trials",
     params(SubjectPath, PageQuery, IfNoneMatch),
     responses((status = 200, description = "A page of trials.", body = TrialList)))]
-pub(crate) async fn list(
-    State(state): State<AppState>,
-    Id(subject): Id<SubjectId>,
-    uri: Uri,
-    headers: HeaderMap,
-    Params(page): Params<PageQuery>,
-) -> ApiResult<Response> {
-    let pager = Pager::new(&uri, page)?;
-    let rows = state.store.trials(subject, pager.page()).await?;
-    pager.answer(&headers, rows, |trial| trial.id.0, TrialView::from)
+pub(crate) async fn list(Id(subject): Id<SubjectId>, list: Paged<()>) -> ApiResult<Response> {
+    let rows = list.state.store.trials(subject, list.page()).await?;
+    list.answer(rows, |trial| trial.id.0, TrialView::from)
 }
 
 /// Reads a trial: what it is and what was measured in the time domain.
