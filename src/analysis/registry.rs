@@ -177,7 +177,6 @@ impl JsonSchema for Request {
             }
             json_schema!({
                 "type": "object",
-                "title": about.title,
                 "description": about.summary,
                 "properties": {
                     "kind": {"type": "string", "const": about.kind, "description": "The kind of analysis."},
@@ -203,7 +202,6 @@ impl JsonSchema for Report {
             let provenance = generator.subschema_for::<Provenance>();
             json_schema!({
                 "type": "object",
-                "title": about.title,
                 "description": about.summary,
                 "properties": {
                     "kind": {"type": "string", "const": about.kind, "description": "The kind of analysis."},

@@ -42,10 +42,9 @@ pub enum PlantNeed {
 #[schemars(untagged)]
 pub enum TrialInput {
     /// The id of a stored trial.
-    #[schemars(title = "StoredTrial")]
     Stored(TrialId),
     /// The signals themselves.
-    #[schemars(title = "InlineTrial", with = "TrialDocument")]
+    #[schemars(with = "TrialDocument")]
     Inline(InlineTrial),
 }
 
