@@ -26,6 +26,9 @@ kinds! {
     ssid,
     ssid_mimo,
     two_stimulus,
+    inverse_lqr,
+    inverse_lqe,
+    inverse_lqg,
 }
 
 /// A kind, for whoever lists, documents or dispatches them.

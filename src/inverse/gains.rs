@@ -163,6 +163,28 @@ pub enum GainsError {
     NoConvergence(#[from] NoConvergence),
 }
 
+impl GainsError {
+    /// The letter of the matrix that it is about.
+    #[must_use]
+    pub fn matrix(&self) -> &'static str {
+        match self {
+            Self::NotSquare { .. } | Self::TooManyStates { .. } | Self::NoConvergence(_) => "A",
+            Self::Empty { matrix, .. }
+            | Self::Size { matrix, .. }
+            | Self::Entry { matrix, .. }
+            | Self::ZeroGain { matrix, .. }
+            | Self::Unreachable { matrix, .. } => matrix,
+            Self::UnstableLoop { product, .. } => {
+                if product.contains('K') {
+                    "K"
+                } else {
+                    "L"
+                }
+            }
+        }
+    }
+}
+
 impl Gains {
     /// A regulator u = −Kx.
     ///

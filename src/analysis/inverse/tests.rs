@@ -1,6 +1,8 @@
-use super::*;
-use crate::analysis::problem::Code;
-use serde_json::json;
+use crate::analysis::inputs::library::Library;
+use crate::analysis::problem::{Code, Problem};
+use crate::analysis::{Plan, Report, Request};
+use crate::ctl::Ctl;
+use serde_json::{Value, json};
 
 fn request(kind: &str, inputs: Value, spec: Value) -> Request {
     Request { kind: kind.to_owned(), inputs, spec }
@@ -8,13 +10,13 @@ fn request(kind: &str, inputs: Value, spec: Value) -> Request {
 
 fn run(kind: &str, inputs: Value, spec: Value) -> Report {
     let request = request(kind, inputs, spec);
-    let plan = crate::analysis::Plan::parse(&request).unwrap();
-    assert_eq!(crate::analysis::Plan::parse(&plan.request()).unwrap().request(), plan.request(), "canonical");
+    let plan = Plan::parse(&request).unwrap();
+    assert_eq!(Plan::parse(&plan.request()).unwrap().request(), plan.request(), "canonical");
     plan.run(&Library::default(), &Ctl::new()).unwrap()
 }
 
 fn refused(kind: &str, inputs: Value, spec: Value) -> Problem {
-    crate::analysis::Plan::parse(&request(kind, inputs, spec)).unwrap_err()
+    Plan::parse(&request(kind, inputs, spec)).unwrap_err()
 }
 
 #[test]
