@@ -29,6 +29,8 @@ kinds! {
     inverse_lqr,
     inverse_lqe,
     inverse_lqg,
+    excitation_quality,
+    compensator_design,
 }
 
 /// A kind, for whoever lists, documents or dispatches them.

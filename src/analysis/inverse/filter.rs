@@ -45,7 +45,8 @@ pub struct NoiseFit {
     pub v: Rows,
     /// Its gain, n×p, in units of the states over those of the outputs (in continuous time per s).
     pub l: Rows,
-    /// Its squared distance in squared units of the gain, or, with a covariance, weighted by its inverse and dimensionless.
+    /// Its squared distance in squared units of the gain, or, with a covariance, weighted by its inverse and
+    /// dimensionless.
     pub residual: f64,
     /// `‖L̂ − L‖_F/‖L‖_F`, dimensionless.
     pub relative_distance: f64,
@@ -53,13 +54,13 @@ pub struct NoiseFit {
     pub condition_number: f64,
     /// The trade-off between distance and condition number.
     pub curve: Vec<FitPointResult>,
-    /// Without a bound on the condition number, W ⪰ 0 and V ≻ 0 alone: the least squared distance found, in the unit of `residual`. It is
-    /// usually not attained, and falls as far as the steps still gain.
+    /// Without a bound on the condition number, W ⪰ 0 and V ≻ 0 alone: the least squared distance found, in the unit of
+    /// `residual`. It is usually not attained, and falls as far as the steps still gain.
     pub unbounded_residual: Option<f64>,
     /// The condition number of blkdiag(W, V) there, dimensionless; null where rounding leaves no least eigenvalue.
     pub unbounded_condition_number: Option<f64>,
-    /// The smallest `‖S‖_F` of correlated noises with `E wvᵀ = S` and V ⪰ I for which the gain is optimal, in the unit of S; null with a
-    /// structure.
+    /// The smallest `‖S‖_F` of correlated noises with `E wvᵀ = S` and V ⪰ I for which the gain is optimal, in the unit
+    /// of S; null with a structure.
     pub smallest_cross_term: Option<f64>,
     /// Those noises; null with a structure.
     pub cross_term: Option<NoiseWithCrossTerm>,
@@ -104,8 +105,8 @@ pub struct NoiseDescent {
 pub struct InverseLqeResult {
     /// Whether noises exist.
     pub verdict: Verdict,
-    /// `max t` with `W ⪰ tI`, `V ⪰ tI`, `tr W + tr V = n + p`, in the units of the plant: positive where noises exist. Null where none have a
-    /// positive trace, or their sizes differ too much in those units.
+    /// `max t` with `W ⪰ tI`, `V ⪰ tI`, `tr W + tr V = n + p`, in the units of the plant: positive where noises exist.
+    /// Null where none have a positive trace, or their sizes differ too much in those units.
     pub t_star: Option<f64>,
     /// The same in units in which W and V are of one size, dimensionless.
     pub t_star_scaled: Option<f64>,
@@ -119,10 +120,11 @@ pub struct InverseLqeResult {
     pub alpha_lower_bound: Option<f64>,
     /// Dimension of the set of noises that attain it.
     pub solution_dimension: Option<usize>,
-    /// Largest range of a diagonal entry within that set, as a share of the entry, dimensionless; null where its dimension is too high for
-    /// that to be measured.
+    /// Largest range of a diagonal entry within that set, as a share of the entry, dimensionless; null where its
+    /// dimension is too high for that to be measured.
     pub solution_width: Option<f64>,
-    /// W, n×n, in units of a noise of the states: intensity in continuous time, covariance in sampled time; null where none exist.
+    /// W, n×n, in units of a noise of the states: intensity in continuous time, covariance in sampled time; null where
+    /// none exist.
     pub w: Option<Rows>,
     /// V, p×p, in units of a noise of the outputs.
     pub v: Option<Rows>,

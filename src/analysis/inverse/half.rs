@@ -13,7 +13,8 @@ use nalgebra::DMatrix;
 /// Rows of a trajectory at most.
 const MAX_SAMPLES: usize = 100_000;
 
-/// Negative eigenvalues of a weight to compare with are rounding below this share of the largest: weights are copied with few digits.
+/// Negative eigenvalues of a weight to compare with are rounding below this share of the largest: weights are copied
+/// with few digits.
 const PRINTED: f64 = 1e-3;
 
 /// The names of the states, inputs or outputs, and their units where they are given.
@@ -45,7 +46,7 @@ impl WrittenLabels<'_> {
             _ => "y",
         };
         let numbered = || (1..=count).map(|i| format!("{letter}{i}")).collect();
-        Ok(Labels { names: names.clone().unwrap_or_else(numbered), units: (*units).clone() })
+        Ok(Labels { names: (*names).clone().unwrap_or_else(numbered), units: (*units).clone() })
     }
 }
 

@@ -1,8 +1,8 @@
 //! What `inverse_lqr`, `inverse_lqe` and `inverse_lqg` share: inverse optimal control of one half of a controller.
 //!
-//! A filter is the dual of a regulator: its question is put as one about the regulator of (Aᵀ, Cᵀ) with the gain Lᵀ, and the answer gets the
-//! letters of a filter. The method is that of [`inverse`](crate::inverse). An infeasible verdict is a result: it comes with its certificate,
-//! and with the weights whose gain comes nearest.
+//! A filter is the dual of a regulator: its question is put as one about the regulator of (Aᵀ, Cᵀ) with the gain Lᵀ,
+//! and the answer gets the letters of a filter. The method is that of [`inverse`](crate::inverse). An infeasible
+//! verdict is a result: it comes with its certificate, and with the weights whose gain comes nearest.
 
 pub(in crate::analysis) mod answer;
 pub mod filter;

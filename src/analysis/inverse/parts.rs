@@ -41,8 +41,9 @@ impl From<crate::inverse::Verdict> for Verdict {
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "ReturnDifference")]
 pub struct ReturnDifferenceResult {
-    /// The least eigenvalue of `R^(−1/2) (T*RT − R) R^(−1/2)` with `T = I + K(jωI − A)⁻¹B` (in sampled time with R + BᵀPB), dimensionless;
-    /// not negative for an optimal gain, and tending to 0 at high frequency in continuous time. Of a filter that of its dual.
+    /// The least eigenvalue of `R^(−1/2) (T*RT − R) R^(−1/2)` with `T = I + K(jωI − A)⁻¹B` (in sampled time with R +
+    /// BᵀPB), dimensionless; not negative for an optimal gain, and tending to 0 at high frequency in continuous time.
+    /// Of a filter that of its dual.
     pub margin: f64,
     /// Where it is, in rad/s.
     pub omega_rad_s: f64,
@@ -52,13 +53,16 @@ pub struct ReturnDifferenceResult {
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "InverseProof")]
 pub struct ProofResult {
-    /// `‖BᵀP − RK‖/‖RK‖`, in sampled time `‖BᵀPA − (BᵀPB + R)K‖/‖(BᵀPB + R)K‖`, dimensionless; of a filter that of its dual.
+    /// `‖BᵀP − RK‖/‖RK‖`, in sampled time `‖BᵀPA − (BᵀPB + R)K‖/‖(BᵀPB + R)K‖`, dimensionless; of a filter that of its
+    /// dual.
     pub gain_residual: f64,
     /// Relative residual of the Riccati equation, dimensionless.
     pub riccati_residual: f64,
-    /// The gain that solving the forward problem returns, in the unit and shape of the gain given: m×n, of a filter n×p.
+    /// The gain that solving the forward problem returns, in the unit and shape of the gain given: m×n, of a filter
+    /// n×p.
     pub forward_gain: Rows,
-    /// Largest relative difference of two independent forward methods to the refined one, dimensionless; null where one broke down.
+    /// Largest relative difference of two independent forward methods to the refined one, dimensionless; null where one
+    /// broke down.
     pub method_difference: Option<f64>,
     /// Poles of the loop with that gain, as `[re, im]`, in rad/s (in sampled time in z, dimensionless).
     pub forward_poles: Vec<[f64; 2]>,
@@ -88,14 +92,14 @@ pub struct ComparisonResult {
     pub scale: f64,
     /// Cosine between blkdiag(Q, R) of both, dimensionless: 1 for equal weights, whatever their scales.
     pub similarity: f64,
-    /// Root mean square of the logarithms of the relative weights around their mean, dimensionless: 0 for equal weights, whatever the units;
-    /// null where a weight is singular.
+    /// Root mean square of the logarithms of the relative weights around their mean, dimensionless: 0 for equal
+    /// weights, whatever the units; null where a weight is singular.
     pub log_distance: Option<f64>,
-    /// The factor on the other weights that makes the geometric mean of the relative weights 1, whatever the units, dimensionless; null where
-    /// a weight is singular.
+    /// The factor on the other weights that makes the geometric mean of the relative weights 1, whatever the units,
+    /// dimensionless; null where a weight is singular.
     pub log_scale: Option<f64>,
-    /// For every state its diagonal weight here over the other one, brought to one scale (`log_scale`, else `scale`), dimensionless: above 1
-    /// where it counts for more here. Null where it counts for nothing there.
+    /// For every state its diagonal weight here over the other one, brought to one scale (`log_scale`, else `scale`),
+    /// dimensionless: above 1 where it counts for more here. Null where it counts for nothing there.
     pub state_ratios: Vec<Option<f64>>,
     /// The same for every input (of a filter: output), dimensionless.
     pub port_ratios: Vec<Option<f64>>,
@@ -107,7 +111,8 @@ pub struct ComparisonResult {
 pub struct EquivalentResult {
     /// The state, by name.
     pub state: String,
-    /// The input that costs as much as one unit of the state, others at zero: `√Q_ii` where R has the mean eigenvalue 1. In `unit`.
+    /// The input that costs as much as one unit of the state, others at zero: `√Q_ii` where R has the mean eigenvalue
+    /// 1. In `unit`.
     pub input: f64,
     /// In which unit, such as `(N m)/rad`; null where units are not given.
     pub unit: Option<String>,
@@ -119,7 +124,8 @@ pub struct EquivalentResult {
 pub struct FitPointResult {
     /// κ, dimensionless.
     pub condition_number: f64,
-    /// The squared distance of the gains in their squared units, or, with a covariance, weighted by its inverse and dimensionless.
+    /// The squared distance of the gains in their squared units, or, with a covariance, weighted by its inverse and
+    /// dimensionless.
     pub residual: f64,
     /// What another Newton step promises, as a share of the residual, dimensionless.
     pub stationarity: f64,

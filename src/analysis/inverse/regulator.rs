@@ -31,13 +31,14 @@ pub struct CostReading {
     pub q_axes: Vec<AxisResult>,
     /// Principal axes of R, dearest first.
     pub r_axes: Vec<AxisResult>,
-    /// Principal axes of Q with every state counted in its own size (`sizes`): what is paid for motions as they are, whatever the units. Null
-    /// where there are no sizes.
+    /// Principal axes of Q with every state counted in its own size (`sizes`): what is paid for motions as they are,
+    /// whatever the units. Null where there are no sizes.
     pub sized_axes: Option<Vec<AxisResult>>,
-    /// The root mean square of every state in its unit, along the trajectory of the request, or else in the steady state under white noise of
-    /// unit intensity on every state; null where neither exists.
+    /// The root mean square of every state in its unit, along the trajectory of the request, or else in the steady
+    /// state under white noise of unit intensity on every state; null where neither exists.
     pub sizes: Option<Vec<f64>>,
-    /// Shares in the steady state under white noise of unit intensity on every state; null where the cost is zero there.
+    /// Shares in the steady state under white noise of unit intensity on every state; null where the cost is zero
+    /// there.
     pub stationary_shares: Option<SharesResult>,
     /// Shares along the trajectory of the request; null without one, or where it costs nothing.
     pub trajectory_shares: Option<SharesResult>,
@@ -55,7 +56,8 @@ pub struct CostFit {
     pub r: Rows,
     /// Its gain, m×n, in units of the inputs over those of the states.
     pub k: Rows,
-    /// Its squared distance in squared units of the gain, or, with a covariance, weighted by its inverse and dimensionless.
+    /// Its squared distance in squared units of the gain, or, with a covariance, weighted by its inverse and
+    /// dimensionless.
     pub residual: f64,
     /// `‖K̂ − K‖_F/‖K‖_F`, dimensionless.
     pub relative_distance: f64,
@@ -63,13 +65,13 @@ pub struct CostFit {
     pub condition_number: f64,
     /// The trade-off between distance and condition number.
     pub curve: Vec<FitPointResult>,
-    /// Without a bound on the condition number, Q ⪰ 0 and R ≻ 0 alone: the least squared distance found, in the unit of `residual`. It is
-    /// usually not attained, and falls as far as the steps still gain.
+    /// Without a bound on the condition number, Q ⪰ 0 and R ≻ 0 alone: the least squared distance found, in the unit of
+    /// `residual`. It is usually not attained, and falls as far as the steps still gain.
     pub unbounded_residual: Option<f64>,
     /// The condition number of blkdiag(Q, R) there, dimensionless; null where rounding leaves no least eigenvalue.
     pub unbounded_condition_number: Option<f64>,
-    /// The smallest `‖S‖_F` of a cost with a cross term 2xᵀSu and R ⪰ I for which the gain is optimal (Priess 2015, eq. (3.20)), in the unit
-    /// of S; null with a structure.
+    /// The smallest `‖S‖_F` of a cost with a cross term 2xᵀSu and R ⪰ I for which the gain is optimal (Priess 2015, eq.
+    /// (3.20)), in the unit of S; null with a structure.
     pub smallest_cross_term: Option<f64>,
     /// The weights of that cost; null with a structure.
     pub cross_term: Option<CostWithCrossTerm>,
@@ -114,8 +116,8 @@ pub struct CostDescent {
 pub struct InverseLqrResult {
     /// Whether weights exist.
     pub verdict: Verdict,
-    /// `max t` with `Q ⪰ tI`, `R ⪰ tI`, `tr Q + tr R = n + m`, in the units of the plant: positive where weights exist. Null where no weights
-    /// have a positive trace, or their sizes differ too much in those units.
+    /// `max t` with `Q ⪰ tI`, `R ⪰ tI`, `tr Q + tr R = n + m`, in the units of the plant: positive where weights exist.
+    /// Null where no weights have a positive trace, or their sizes differ too much in those units.
     pub t_star: Option<f64>,
     /// The same in units in which Q and R are of one size, dimensionless.
     pub t_star_scaled: Option<f64>,
@@ -129,8 +131,8 @@ pub struct InverseLqrResult {
     pub alpha_lower_bound: Option<f64>,
     /// Dimension of the set of weights that attain it.
     pub solution_dimension: Option<usize>,
-    /// Largest range of a diagonal weight within that set, as a share of the weight, dimensionless; null where its dimension is too high for
-    /// that to be measured.
+    /// Largest range of a diagonal weight within that set, as a share of the weight, dimensionless; null where its
+    /// dimension is too high for that to be measured.
     pub solution_width: Option<f64>,
     /// Q, n×n, in units of cost over those of the states; null without weights.
     pub q: Option<Rows>,

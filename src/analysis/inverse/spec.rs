@@ -25,14 +25,15 @@ const MAX_STARTS: usize = 100;
 #[serde(deny_unknown_fields, default)]
 #[schemars(rename = "InverseFitSpec")]
 pub struct FitSpec {
-    /// Condition numbers κ of `I ⪯ blkdiag(Q, R) ⪯ κI`, dimensionless, increasing, each above 1. Default: 10 to 1e8 by tens.
+    /// Condition numbers κ of `I ⪯ blkdiag(Q, R) ⪯ κI`, dimensionless, increasing, each above 1. Default: 10 to 1e8 by
+    /// tens.
     pub condition_numbers: Vec<f64>,
     /// Random starts for every κ, beside the fixed ones. Default: 4.
     pub random_starts: usize,
     /// Seed of the random starts. Default: 1.
     pub seed: u64,
-    /// Covariance of the gain's entries in their squared units, column by column, mn×mn, positive definite; of a filter those of Lᵀ. The fit
-    /// then weights by its inverse. Default: none, all entries alike.
+    /// Covariance of the gain's entries in their squared units, column by column, mn×mn, positive definite; of a filter
+    /// those of Lᵀ. The fit then weights by its inverse. Default: none, all entries alike.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gain_covariance: Option<Vec<Vec<f64>>>,
     /// The gradient descent of Priess 2015, Table 3.1, beside the fit, for comparison. Default: none.
@@ -115,7 +116,8 @@ impl Part for InverseSpec {
         read(
             value,
             at,
-            "A spec has state_weight (\"full\", \"diagonal\" or {\"pattern\": ..}), port_weight (also {\"fixed\": ..}), \
+            "A spec has state_weight (\"full\", \"diagonal\" or {\"pattern\": ..}), port_weight (also {\"fixed\": \
+             ..}), \
              semidefinite and fit.",
         )
     }

@@ -61,7 +61,8 @@ fn pattern(rows: &[Vec<bool>], order: usize, at: &str) -> Result<DMatrix<bool>, 
     Ok(DMatrix::from_fn(order, order, |i, j| rows[i][j]))
 }
 
-/// What a spec says about the weights of n states and m ports; `at` is the pointer of the object with `state_weight` and `port_weight`.
+/// What a spec says about the weights of n states and m ports; `at` is the pointer of the object with `state_weight`
+/// and `port_weight`.
 ///
 /// # Errors
 /// A [`Problem`] with the pointer of the pattern or weight that is wrong.

@@ -36,7 +36,8 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
         warnings.push(Warning::new(
             "boundary",
             format!(
-                "the {half}'s margin t* is zero to working precision: only singular weights may make this gain optimal, and a small \
+                "the {half}'s margin t* is zero to working precision: only singular weights may make this gain \
+                 optimal, and a small \
                  change of the gain may make it infeasible"
             ),
         ));
@@ -45,7 +46,8 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
         warnings.push(Warning::new(
             "structure_leaves_nothing",
             format!(
-                "no weights of this structure satisfy the equalities for exactly the {half}'s gain, whatever their signs: with so few unknowns the \
+                "no weights of this structure satisfy the equalities for exactly the {half}'s gain, whatever their \
+                 signs: with so few unknowns the \
                  last digit of a gain decides. Read the distance of the fit, not the verdict"
             ),
         ));
@@ -61,7 +63,8 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
         warnings.push(Warning::new(
             "undetectable",
             format!(
-                "the {half}'s {misses} the mode {mode} of the plant, which does not decay by itself: among all gains another one costs less, and this one is \
+                "the {half}'s {misses} the mode {mode} of the plant, which does not decay by itself: among all gains \
+                 another one costs less, and this one is \
                  the best of those that stabilise"
             ),
         ));
@@ -71,7 +74,8 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
             warnings.push(Warning::new(
                 "not_best_conditioned",
                 format!(
-                    "rounding keeps the {half}'s weights of the least condition number from returning the gain; those of the largest \
+                    "rounding keeps the {half}'s weights of the least condition number from returning the gain; those \
+                     of the largest \
                      margin are given, which do"
                 ),
             ));
@@ -80,7 +84,8 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
             warnings.push(Warning::new(
                 "ill_conditioned",
                 format!(
-                    "the best conditioned weights of the {half} have the condition number {:.2e}: the smallest of them say nothing that a \
+                    "the best conditioned weights of the {half} have the condition number {:.2e}: the smallest of \
+                     them say nothing that a \
                      measured gain could tell",
                     conditioning.alpha
                 ),
@@ -90,7 +95,8 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
             let which = conditioning.solution_width.map_or_else(
                 || "it was not measured, and the weights given are any of it".to_owned(),
                 |width| {
-                    format!("those of least Frobenius norm are given, and a diagonal weight may range over {width:.2e} of its value")
+                    format!("those of least Frobenius norm are given, and a diagonal weight may range over \
+                        {width:.2e} of its value")
                 },
             );
             warnings.push(Warning::new(
@@ -109,7 +115,8 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
             warnings.push(Warning::new(
                 "local_minima",
                 format!(
-                    "{} of {} starts agree on the {half}'s best fit: others end in worse minima, and a better one may exist",
+                    "{} of {} starts agree on the {half}'s best fit: others end in worse minima, and a better one may \
+                     exist",
                     best.agreeing_starts, best.starts
                 ),
             ));
@@ -118,7 +125,8 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
             warnings.push(Warning::new(
                 "condition_number_trade_off",
                 format!(
-                    "no weights make the {half}'s gain optimal; the squared distance falls from {:.4e} to {:.4e} as the condition number \
+                    "no weights make the {half}'s gain optimal; the squared distance falls from {:.4e} to {:.4e} as \
+                     the condition number \
                      goes from {:.0e} to {:.0e}: read the whole curve",
                     first.residual, best.residual, first.condition_number, best.condition_number
                 ),

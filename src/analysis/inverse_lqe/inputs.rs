@@ -14,7 +14,8 @@ use serde_json::Value;
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct InverseLqeInputs {
-    /// A, n×n, in 1/s (in sampled time dimensionless), each entry times the unit of its row's state over that of its column's.
+    /// A, n×n, in 1/s (in sampled time dimensionless), each entry times the unit of its row's state over that of its
+    /// column's.
     pub a: WrittenMatrix,
     /// C, p×n, in units of the outputs over those of the states.
     pub c: WrittenMatrix,

@@ -1,7 +1,8 @@
 //! Inverse optimal control of a whole controller: kind `inverse_lqg`.
 //!
 //! ```json
-//! {"kind": "inverse_lqg", "inputs": {"a": [[0, 1], [2, 0]], "b": [[0], [1]], "c": [[1, 0]], "k": [[5, 4]], "l": [[4], [5]]},
+//! {"kind": "inverse_lqg", "inputs": {"a": [[0, 1], [2, 0]], "b": [[0], [1]], "c": [[1, 0]],
+//!                                    "k": [[5, 4]], "l": [[4], [5]]},
 //!  "spec": {"regulator": {"state_weight": "diagonal"}}}
 //! ```
 //! By the separation principle the two halves are two questions: those of `inverse_lqr` and `inverse_lqe`.
@@ -37,8 +38,10 @@ pub struct Plan {
 impl Analysis for Plan {
     const KIND: Kind = Kind::named("inverse_lqg");
     const TITLE: &'static str = "Inverse optimal control of a whole controller";
-    const SUMMARY: &'static str = "Whether a controller of state feedback and estimator is linear-quadratic-Gaussian for a cost and noises: the \
-        questions of inverse_lqr about its gain K and of inverse_lqe about its gain L, one verdict on both, and the weights Q, R, W and V \
+    const SUMMARY: &'static str = "Whether a controller of state feedback and estimator is linear-quadratic-Gaussian \
+        for a cost and noises: the \
+        questions of inverse_lqr about its gain K and of inverse_lqe about its gain L, one verdict on both, and the \
+        weights Q, R, W and V \
         (Priess 2015, chapter 4).";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");

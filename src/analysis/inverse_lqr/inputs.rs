@@ -14,7 +14,8 @@ use serde_json::Value;
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct InverseLqrInputs {
-    /// A, n×n, in 1/s (in sampled time dimensionless), each entry times the unit of its row's state over that of its column's.
+    /// A, n×n, in 1/s (in sampled time dimensionless), each entry times the unit of its row's state over that of its
+    /// column's.
     pub a: WrittenMatrix,
     /// B, n×m, in units of the states (in continuous time per s) over those of the inputs.
     pub b: WrittenMatrix,

@@ -3,8 +3,8 @@
 //! ```json
 //! {"kind": "inverse_lqr", "inputs": {"a": [[0, 1], [2, 0]], "b": [[0], [1]], "k": [[5, 4]], "sample_time_s": null}}
 //! ```
-//! The method is that of [`inverse`](crate::inverse). An infeasible verdict is a result: it comes with its certificate, and with the
-//! weights whose gain comes nearest.
+//! The method is that of [`inverse`](crate::inverse). An infeasible verdict is a result: it comes with its certificate,
+//! and with the weights whose gain comes nearest.
 
 mod inputs;
 
@@ -30,8 +30,10 @@ pub struct Plan {
 impl Analysis for Plan {
     const KIND: Kind = Kind::named("inverse_lqr");
     const TITLE: &'static str = "Inverse optimal control of a regulator";
-    const SUMMARY: &'static str = "Whether a state feedback gain is optimal for a quadratic cost of states and inputs, with a certificate either \
-        way; the best conditioned weights where it is, proven by solving the forward problem; and the nearest optimal gain where it is not \
+    const SUMMARY: &'static str = "Whether a state feedback gain is optimal for a quadratic cost of states and \
+        inputs, with a certificate either \
+        way; the best conditioned weights where it is, proven by solving the forward problem; and the nearest optimal \
+        gain where it is not \
         (Priess 2015, chapter 3).";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");
