@@ -3,10 +3,17 @@
 //! One folder a kind; [`contract`] says what a kind is, [`registry`] lists them. Nothing here knows about databases, clocks or the
 //! network: a [`Problem`] says what is wrong in words.
 
+pub mod compensator_design;
 pub mod contract;
+pub mod excitation;
+pub mod excitation_quality;
 pub mod frequency_response;
 pub mod ids;
 pub mod inputs;
+pub mod inverse;
+pub mod inverse_lqe;
+pub mod inverse_lqg;
+pub mod inverse_lqr;
 pub mod kind;
 pub mod problem;
 mod reading;

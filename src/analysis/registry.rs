@@ -26,6 +26,11 @@ kinds! {
     ssid,
     ssid_mimo,
     two_stimulus,
+    inverse_lqr,
+    inverse_lqe,
+    inverse_lqg,
+    excitation_quality,
+    compensator_design,
 }
 
 /// A kind, for whoever lists, documents or dispatches them.

@@ -4,7 +4,7 @@ use crate::support::{DRIVE, SIGNAL, close, design, made, run};
 use serde_json::{Value, json};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
-use volition::analysis::{Failure, Kind, Library, Plan, Request};
+use volition::analysis::{Failure, Library, Plan, Request};
 use volition::control::{Discrete, System, TransferFunction};
 use volition::ctl::{Ctl, StopReason, Stopped};
 use volition::excite::compensator::{Compensator, DesignLimits};
@@ -18,7 +18,7 @@ fn the_report_has_the_shape_that_scripts_rely_on() {
         json!({"signal": SIGNAL(), "plant": DRIVE(), "controller": {"num": [9_051.916_234_351_42], "den": [1]}});
     let spec = json!({"band_hz": [5, 10, [1, 8]], "limits": {"force": 1e5, "position": 2.0}, "include_samples": true});
     let report = run("excitation_quality", inputs, spec).unwrap();
-    assert_eq!(report.kind, Kind::ExcitationQuality);
+    assert_eq!(report.kind.name(), "excitation_quality");
     let result = &report.result;
     close(result["flatness"][0]["sfm"].as_f64().unwrap(), 0.389_552_157_552_938_1, 1e-12);
     close(result["flatness"][0]["blsfg"].as_f64().unwrap(), 2.001_525_756, 1e-7);
@@ -30,7 +30,7 @@ fn the_report_has_the_shape_that_scripts_rely_on() {
     close(result["path"]["disturbance_norm"].as_f64().unwrap(), 7.330_308e-4, 1e-5);
     assert_eq!(result["motion"]["within_limits"], false, "{}", result["motion"]);
     assert_eq!(result["samples"]["signal"].as_array().unwrap().len(), 48_400);
-    let csv = volition::analysis::excitation::samples::csv(&report).unwrap();
+    let csv = volition::analysis::samples::csv(&report).unwrap();
     assert!(csv.starts_with("t,signal,force,output\r\n0.0,0.0,"), "{}", &csv[..60]);
     assert_eq!(csv.lines().count(), 48_401);
     // A person who reacts after a chip cannot predict what comes.

@@ -152,7 +152,7 @@ fn multisines_have_their_lines_and_nothing_else() {
     assert!(coarse.period.unwrap().samples.is_none());
     assert!(coarse.values.iter().enumerate().all(|(k, x)| (x - fine.values[(3 * k) % 1000]).abs() < 1e-10));
     // The crest's optimisation is worth its time, and lower than Schroeder's for lines far from equal steps.
-    let crest = |phases: &str| made(spec(json!({"phases": phases}))).details["crest_factor"].as_f64().unwrap();
+    let crest = |phases: &str| made(spec(json!({"phases": phases}))).details.crest_factor.unwrap();
     let (optimised, schroeder, random) = (crest("crest_optimised"), crest("schroeder"), crest("random"));
     assert!(optimised < 1.75 && optimised < schroeder && optimised < random, "{optimised} {schroeder} {random}");
 }

@@ -154,6 +154,12 @@ impl TrialInputs {
         }
     }
 
+    /// One trial that was read before, without a plant.
+    #[must_use]
+    pub fn one(trial: TrialInput) -> Self {
+        Self { trial: Some(trial), trials: None, plant: None }
+    }
+
     /// Several trials that were read before.
     pub(super) fn several(trials: Vec<TrialInput>, plant: Option<Model>) -> Self {
         Self { trial: None, trials: Some(trials), plant }

@@ -1,8 +1,9 @@
 //! How the question is put.
 
-use crate::analysis::excitation::signal::SignalInput;
-use crate::analysis::excitation::{problems, read};
-use crate::analysis::problem::{Code, Problem};
+use crate::analysis::contract::Part;
+use crate::analysis::excitation::problems;
+use crate::analysis::problem::Problem;
+use crate::analysis::reading::{read, wrong_spec as wrong};
 use crate::excite::compensator::DesignLimits;
 use crate::excite::flatness::Band;
 use crate::excite::path::Discretisation;
@@ -16,6 +17,7 @@ const MOST: usize = 2_000;
 /// The structure of the compensator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "CompensatorStructure")]
 pub enum Structure {
     /// `C = K`.
     Proportional,
@@ -26,8 +28,9 @@ pub enum Structure {
 /// Curves over the gain, as in figure 5 of Qiu 2021.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "CompensatorSweepSpec")]
 pub struct SweepSpec {
-    /// Between which gains. Default: the range of the search.
+    /// Between which gains, in units of force over those of the position. Default: the range of the search.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gain: Option<[f64; 2]>,
     /// How many, equally spaced on a logarithmic scale. Default: 100.
@@ -49,14 +52,15 @@ fn hundred() -> usize {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CompensatorDesignSpec {
-    /// `proportional` or `lead`.
+    /// What has free parameters.
     pub structure: Structure,
     /// The band: its upper end in Hz, or `[from, to]`.
     pub band_hz: Band,
-    /// A fixed gain K. Default: free.
+    /// A fixed gain K, in units of force over those of the position. Default: free.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gain: Option<f64>,
-    /// The range of a free gain. Default: four decades to each side of the gain at which the loop gain is 1 at the end of the band.
+    /// The range of a free gain, in the same unit. Default: four decades to each side of the gain at which the loop
+    /// gain is 1 at the end of the band.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gain_range: Option<[f64; 2]>,
     /// A fixed zero f_z, Hz. Default: free.
@@ -65,10 +69,10 @@ pub struct CompensatorDesignSpec {
     /// A fixed pole f_p, Hz. Default: free.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pole_hz: Option<f64>,
-    /// The range of a free zero. Default: from a thousandth of the band's end to 0.9 of the Nyquist frequency.
+    /// The range of a free zero in Hz. Default: from a thousandth of the band's end to 0.9 of the Nyquist frequency.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub zero_range_hz: Option<[f64; 2]>,
-    /// The range of a free pole. Default: as for the zero.
+    /// The range of a free pole in Hz. Default: as for the zero.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pole_range_hz: Option<[f64; 2]>,
     /// Whether f_z ≤ f_p is asked for: a lead in the strict sense. Default: false, so that a lag may win.
@@ -80,10 +84,10 @@ pub struct CompensatorDesignSpec {
     /// Curves beside the answer. Default: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sweep: Option<SweepSpec>,
-    /// How a plant in continuous time is sampled: `zero_order_hold` or `tustin`. Default: zero_order_hold.
+    /// How a plant in continuous time is sampled; not `continuous`. Default: zero_order_hold.
     #[serde(default)]
     pub discretisation: Discretisation,
-    /// Share of the strongest line's power from which a line of a recorded signal counts. Default: 1e-6.
+    /// Share of the strongest line's power from which a line of a recorded signal counts, dimensionless. Default: 1e-6.
     #[serde(default = "threshold")]
     pub power_threshold: f64,
 }
@@ -92,17 +96,20 @@ fn threshold() -> f64 {
     1e-6
 }
 
-fn wrong(detail: impl Into<String>, at: impl Into<String>) -> Problem {
-    Problem::new(Code::Invalid, "unusable spec", detail).at(at)
+impl Part for CompensatorDesignSpec {
+    fn read(value: &Value, at: &str) -> Result<Self, Problem> {
+        read(value, at, "unusable spec").map_err(|problem| {
+            problem
+                .mend("A spec has structure (\"proportional\" or \"lead\") and band_hz (a number), and may have more.")
+        })
+    }
 }
 
 impl CompensatorDesignSpec {
-    pub(super) fn parse(value: &Value, signal: &SignalInput) -> Result<Self, Problem> {
-        let spec: Self = read(value, "/spec", "unusable spec").map_err(|problem| {
-            problem
-                .mend("A spec has structure (\"proportional\" or \"lead\") and band_hz (a number), and may have more.")
-        })?;
-        spec.band_hz.check(signal.sample_time_s()).map_err(|error| problems::band(&error, "/spec/band_hz"))?;
+    /// Checks it for a signal of this sample time, where it is known.
+    pub(super) fn checked(self, sample_time_s: Option<f64>) -> Result<Self, Problem> {
+        let spec = self;
+        spec.band_hz.check(sample_time_s).map_err(|error| problems::band(&error, "/spec/band_hz"))?;
         let positive = |value: f64| value > 0.0 && value.is_finite();
         for (name, value) in [("gain", spec.gain), ("zero_hz", spec.zero_hz), ("pole_hz", spec.pole_hz)] {
             if let Some(value) = value.filter(|v| !positive(*v)) {

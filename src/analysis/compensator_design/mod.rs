@@ -3,34 +3,33 @@
 //! ```json
 //! {"kind": "compensator_design",
 //!  "inputs": {"plant": {"mass_kg": 10, "damping_ns_per_m": 50},
-//!             "signal": {"generator": {"kind": "prts", "order": 5, "chip_s": 0.2, "amplitude": 0.05}, "sample_time_s": 0.001}},
+//!             "signal": {"generator": {"kind": "prts", "order": 5, "chip_s": 0.2, "amplitude": 0.05},
+//!                        "sample_time_s": 0.001}},
 //!  "spec": {"structure": "lead", "band_hz": 5, "limits": {"force": 2000, "disturbance_norm": 0.001}}}
 //! ```
 //! The method is that of [`excite::compensator`](crate::excite::compensator).
 
+mod inputs;
 mod result;
 mod spec;
 
-use super::plant::PlantInput;
-use super::signal::{Signal, SignalInput};
-use super::{members, only, problems};
-use crate::analysis::inputs::{Library, References};
-use crate::analysis::kind::{Kind, Request};
-use crate::analysis::plan::Failure;
-use crate::analysis::problem::{Code, Problem};
-use crate::analysis::report::{Report, Warning};
+use super::contract::{Analysis, Failure, Outcome};
+use super::excitation::problems;
+use super::excitation::signal::Signal;
+use super::inputs::library::Library;
+use super::kind::Kind;
+use super::problem::{Code, Problem};
+use super::report::Warning;
 use crate::control::Discrete;
 use crate::ctl::Ctl;
-use crate::excite::compensator::{Design, DesignError, DesignLimits, Found, Judged, SearchBox, search, sweep};
+use crate::excite::compensator::{Design, DesignError, DesignLimits, Edge, Found, Judged, SearchBox, search, sweep};
 use crate::excite::path::SampledPlant;
 use crate::excite::spectrum::Spectrum;
-pub use result::{BaselineResult, CompensatorDesignResult, CurveResult, EdgeResult, RunnerUpResult, SearchResult};
-use serde_json::json;
+pub use inputs::CompensatorDesignInputs;
+use inputs::{PLANT, SIGNAL};
+pub use result::{Action, BaselineResult, CompensatorDesignResult, CurveResult, RunnerUpResult, SearchResult};
 pub use spec::{CompensatorDesignSpec, Structure, SweepSpec};
-use std::collections::BTreeMap;
 
-/// Version of [`CompensatorDesignResult`].
-const RESULT_VERSION: u32 = 1;
 /// A share of agreeing climbs below which the answer deserves a warning.
 const AGREEMENT: f64 = 0.25;
 /// How much farther than the proportional loop a person's force may push the device without a warning.
@@ -41,60 +40,49 @@ const BETTER: f64 = 1e-6;
 /// A checked request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    signal: SignalInput,
-    plant: PlantInput,
+    inputs: CompensatorDesignInputs,
     spec: Box<CompensatorDesignSpec>,
 }
 
-impl Plan {
-    /// Checks a request.
-    ///
-    /// # Errors
-    /// A [`Problem`] with the JSON pointer of what is wrong.
-    pub fn parse(request: &Request) -> Result<Self, Problem> {
-        let inputs = members(&request.inputs, "the inputs", "/inputs")?;
-        only(inputs, &["plant", "signal"], "/inputs")?;
-        let needed = |name: &str| {
-            inputs.get(name).ok_or_else(|| {
-                Problem::new(Code::Invalid, "unusable inputs", format!("there is no {name}"))
-                    .at(format!("/inputs/{name}"))
-            })
-        };
-        let plant = PlantInput::parse(needed("plant")?, "/inputs/plant")?;
-        let signal = SignalInput::parse(needed("signal")?, "/inputs/signal")?;
-        let spec = CompensatorDesignSpec::parse(&request.spec, &signal)?;
-        Ok(Self { signal, plant, spec: Box::new(spec) })
+impl Analysis for Plan {
+    const KIND: Kind = Kind::named("compensator_design");
+    const TITLE: &'static str = "Design of a compensator";
+    const SUMMARY: &'static str = "The proportional control or lead compensator of a position loop (a manipulandum, a \
+        motion platform) that \
+        delivers a given signal with the flattest spectrum in a band, under limits on motion and force: a grid over \
+        the whole box, then climbs \
+        from its best points, with stability proven (Qiu 2021, sections IV.B to IV.D).";
+    const RESULT_VERSION: u32 = 1;
+    const EXAMPLE: &'static str = include_str!("example.json");
+
+    type Inputs = CompensatorDesignInputs;
+    type Spec = CompensatorDesignSpec;
+    type Result = CompensatorDesignResult;
+
+    fn check(inputs: CompensatorDesignInputs, spec: CompensatorDesignSpec) -> Result<Self, Problem> {
+        let spec = Box::new(spec.checked(inputs.signal.sample_time_s())?);
+        Ok(Self { inputs, spec })
     }
 
-    /// The stored things that it needs.
-    #[must_use]
-    pub fn references(&self) -> References {
-        let mut references = self.signal.references();
-        references.plants.extend(self.plant.id());
-        references
+    fn inputs(&self) -> &CompensatorDesignInputs {
+        &self.inputs
     }
 
-    /// The request with its defaults filled in; parsing it again gives an equal plan.
-    #[must_use]
-    pub fn request(&self) -> Request {
-        let inputs = json!({"signal": self.signal.to_value(), "plant": self.plant.to_value()});
-        Request { kind: Kind::CompensatorDesign.name().to_owned(), inputs, spec: json!(self.spec) }
+    fn spec(&self) -> &CompensatorDesignSpec {
+        &self.spec
     }
 
-    /// Computes the report; progress counts columns of the grid and climbs, of each search anew.
-    ///
-    /// # Errors
-    /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] where no compensator of the box is stable or keeps the limits.
-    pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
-        let signal = self.signal.resolve(library, "/inputs/signal", ctl)?;
+    fn seed(&self) -> Option<u64> {
+        self.inputs.signal.seed()
+    }
+
+    /// Progress counts columns of the grid and climbs, of each search anew.
+    fn run(&self, library: &Library, ctl: &Ctl) -> Result<Outcome<CompensatorDesignResult>, Failure> {
+        let signal = self.inputs.signal.resolve(library, SIGNAL, ctl)?;
         let time = Discrete::new(signal.sample_time_s).map_err(|error| {
             Problem::new(Code::Invalid, "unusable sample time", error.to_string()).at("/inputs/signal/sample_time_s")
         })?;
-        let (plant, sha256) = self.plant.sample(library, self.spec.discretisation, time, "/inputs/plant")?;
-        let hashes = BTreeMap::from([
-            ("/inputs/signal".to_owned(), signal.sha256.clone()),
-            ("/inputs/plant".to_owned(), sha256),
-        ]);
+        let plant = self.inputs.plant.sample(library, self.spec.discretisation, time, PLANT)?;
         let (design, spacing_hz) = self.design(&signal, plant, ctl)?;
         let mut limits = self.spec.limits;
         limits.decay_per_s = Some(limits.decay_per_s.unwrap_or(std::f64::consts::PI * spacing_hz));
@@ -131,11 +119,11 @@ impl Plan {
             curves,
         )
         .map_err(|error| problems::design(&DesignError::Path(error)))?;
-        let spec = json!(self.spec);
-        let seed = self.signal.seed();
-        Ok(Report::new(Kind::CompensatorDesign, RESULT_VERSION, json!(result), warnings, spec, hashes, seed))
+        Ok(Outcome::new(result, warnings))
     }
+}
 
+impl Plan {
     /// The loop, and the least distance of neighbouring lines in the band.
     fn design(&self, signal: &Signal, plant: SampledPlant, ctl: &Ctl) -> Result<(Design, f64), Failure> {
         let (record, samples) = signal.periods();
@@ -206,7 +194,7 @@ impl Plan {
 fn warn(found: &Found, judged: &Judged, baseline: Option<&Judged>, warnings: &mut Vec<Warning>) {
     let summary = &found.summary;
     if !summary.edges.is_empty() {
-        let edges: Vec<String> = summary.edges.iter().map(|(name, end)| format!("{name} ({end})")).collect();
+        let edges: Vec<String> = summary.edges.iter().map(Edge::to_string).collect();
         let message = format!(
             "the best compensator lies on the edge of what was searched: {}; beyond it there may be a better one",
             edges.join(", ")
@@ -215,7 +203,8 @@ fn warn(found: &Found, judged: &Judged, baseline: Option<&Judged>, warnings: &mu
     }
     if (summary.agreeing as f64) < AGREEMENT * summary.climbs as f64 {
         let message = format!(
-            "{} of {} climbs ended in this answer: the landscape has several tops, and the grid may have missed a narrow one",
+            "{} of {} climbs ended in this answer: the landscape has several tops, and the grid may have missed a \
+             narrow one",
             summary.agreeing, summary.climbs
         );
         warnings.push(Warning::new("few_climbs_agree", message));
@@ -228,7 +217,8 @@ fn warn(found: &Found, judged: &Judged, baseline: Option<&Judged>, warnings: &mu
         && judged.disturbance.value > WEAK * baseline.disturbance.value
     {
         let message = format!(
-            "a person's force pushes this loop aside by up to {:.3e} per unit of force, {:.1} times as far as the best proportional loop: \
+            "a person's force pushes this loop aside by up to {:.3e} per unit of force, {:.1} times as far as the \
+             best proportional loop: \
              limit disturbance_norm if that matters",
             judged.disturbance.value,
             judged.disturbance.value / baseline.disturbance.value
@@ -239,7 +229,8 @@ fn warn(found: &Found, judged: &Judged, baseline: Option<&Judged>, warnings: &mu
         && judged.blsfg <= baseline.blsfg * (1.0 + BETTER)
     {
         let message = format!(
-            "no compensator of this structure does better than proportional control with the gain {:.6}, whose flatness gain is {:.6}",
+            "no compensator of this structure does better than proportional control with the gain {:.6}, whose \
+             flatness gain is {:.6}",
             baseline.compensator.gain, baseline.blsfg
         );
         warnings.push(Warning::new("proportional_is_as_good", message));

@@ -1,53 +1,47 @@
 //! What the question is answered with.
 
 use crate::control::model::TransferFunctionModel;
-use crate::excite::compensator::{Compensator, Curve, Design, DesignLimits, Found, Judged};
+use crate::excite::compensator::{Compensator, Curve, Design, DesignLimits, Edge, Found, Judged};
 use crate::excite::flatness::Band;
 use crate::excite::motion::MotionSummary;
 use crate::excite::path::PathError;
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::f64::consts::PI;
 
 /// The best proportional control of the same plant, signal, band and limits.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "CompensatorBaseline")]
 pub struct BaselineResult {
-    /// K.
+    /// K, in units of force over those of the position.
     pub gain: f64,
-    /// SFG_xr.
+    /// SFG_xr, the spectral flatness gain, dimensionless.
     pub blsfg: f64,
     /// The resonance, Hz; null without one.
     pub resonance_hz: Option<f64>,
-    /// ‖S P‖∞.
+    /// ‖S P‖∞, in units of the position over those of the force.
     pub disturbance_norm: f64,
-    /// The answer's flatness gain over this one's.
+    /// The answer's flatness gain over this one's, dimensionless.
     pub improvement: f64,
 }
 
 /// The best compensator of a climb that ended elsewhere.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "CompensatorRunnerUp")]
 pub struct RunnerUpResult {
-    /// K.
+    /// K, in units of force over those of the position.
     pub gain: f64,
     /// f_z, Hz; null for proportional control.
     pub zero_hz: Option<f64>,
     /// f_p, Hz; null for proportional control.
     pub pole_hz: Option<f64>,
-    /// SFG_xr.
+    /// SFG_xr, the spectral flatness gain, dimensionless.
     pub blsfg: f64,
 }
 
-/// An edge of the box that holds the answer.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct EdgeResult {
-    /// `gain`, `zero_hz`, `pole_hz` or `zero_below_pole`.
-    pub unknown: String,
-    /// `lower`, `upper`, or `equal` where f_z = f_p.
-    pub end: String,
-}
-
 /// What was searched.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "CompensatorSearch")]
 pub struct SearchResult {
     /// Points of the grid over the box.
     pub points: usize,
@@ -60,23 +54,24 @@ pub struct SearchResult {
     /// The best of the others; null where all agree.
     pub runner_up: Option<RunnerUpResult>,
     /// Edges of the box that hold the answer.
-    pub edges: Vec<EdgeResult>,
+    pub edges: Vec<Edge>,
 }
 
 /// A curve over the gain; arrays are equally long, and null where the loop is not stable.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "CompensatorCurve")]
 pub struct CurveResult {
     /// f_z, Hz; null for proportional control.
     pub zero_hz: Option<f64>,
     /// f_p, Hz; null for proportional control.
     pub pole_hz: Option<f64>,
-    /// K.
+    /// K, in units of force over those of the position.
     pub gain: Vec<f64>,
-    /// SFG_xr.
+    /// SFG_xr, the spectral flatness gain, dimensionless.
     pub blsfg: Vec<Option<f64>>,
     /// The resonance, Hz; null also where there is none.
     pub resonance_hz: Vec<Option<f64>>,
-    /// ‖S P‖∞.
+    /// ‖S P‖∞, in units of the position over those of the force.
     pub disturbance_norm: Vec<Option<f64>>,
 }
 
@@ -93,48 +88,62 @@ impl CurveResult {
     }
 }
 
+/// What a compensator does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(rename = "CompensatorAction")]
+pub enum Action {
+    /// `C = K`.
+    Proportional,
+    /// f_z < f_p.
+    Lead,
+    /// f_z > f_p.
+    Lag,
+}
+
 /// The result of `compensator_design`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct CompensatorDesignResult {
-    /// K, the gain at high frequency.
+    /// K, the gain at high frequency, in units of force over those of the position.
     pub gain: f64,
     /// f_z, Hz; null for proportional control.
     pub zero_hz: Option<f64>,
     /// f_p, Hz; null for proportional control.
     pub pole_hz: Option<f64>,
-    /// `proportional`, `lead` (f_z < f_p) or `lag` (f_z > f_p).
-    pub action: String,
-    /// The band, as asked for.
+    /// What it does.
+    pub action: Action,
+    /// The band in Hz, as asked for.
     pub band_hz: Band,
-    /// SFG_xr of the band: `output_sfm / reference_sfm` (equation 16).
+    /// SFG_xr of the band: `output_sfm / reference_sfm` (equation 16), dimensionless.
     pub blsfg: f64,
-    /// γ_r².
+    /// γ_r², the flatness of the signal, dimensionless.
     pub reference_sfm: f64,
-    /// γ_x².
+    /// γ_x², the flatness of the position, dimensionless.
     pub output_sfm: f64,
     /// Where the gain from reference to position is largest, Hz; null where it nowhere exceeds that at 0 Hz.
     pub resonance_hz: Option<f64>,
-    /// The gain there.
+    /// The gain there, dimensionless; null without one.
     pub resonance_gain: Option<f64>,
-    /// ‖S P‖∞: the largest gain from a person's force to the position.
+    /// ‖S P‖∞: the largest gain from a person's force to the position, in their units.
     pub disturbance_norm: f64,
     /// Where it is reached, Hz.
     pub disturbance_norm_hz: f64,
     /// Natural frequency of the least damped pair of poles, Hz; null without one.
     pub natural_hz: Option<f64>,
-    /// Its damping ratio.
+    /// Its damping ratio, dimensionless; null without one.
     pub damping_ratio: Option<f64>,
-    /// The closed-loop poles in z, `[re, im]`.
+    /// The closed-loop poles in z as `[re, im]`, dimensionless.
     pub poles: Vec<[f64; 2]>,
-    /// The largest magnitude of a pole; that it is below 1 was proven by Jury's test, with rounding bounded.
+    /// The largest magnitude of a pole, dimensionless; that it is below 1 was proven by Jury's test, with rounding
+    /// bounded.
     pub spectral_radius: f64,
     /// The decay of the slowest pole, 1/s.
     pub slowest_decay_per_s: f64,
     /// The decay that was asked of every pole, or taken by default.
     pub required_decay_per_s: f64,
-    /// The controller in z.
+    /// The controller in z, from position error to force.
     pub controller: TransferFunctionModel,
-    /// From reference to position in z.
+    /// From reference to position in z, dimensionless.
     pub closed_loop: TransferFunctionModel,
     /// Motion and force while the loop follows the signal from rest: two periods, or the record.
     pub motion: MotionSummary,
@@ -142,7 +151,7 @@ pub struct CompensatorDesignResult {
     pub proportional: Option<BaselineResult>,
     /// How it was found.
     pub search: SearchResult,
-    /// Curves, where asked for.
+    /// Curves; empty unless asked for.
     pub sweep: Vec<CurveResult>,
 }
 
@@ -175,16 +184,16 @@ impl CompensatorDesignResult {
             .map_err(|error| PathError::Discretise(error.into()))?;
         let own = corners(compensator);
         let action = match own {
-            None => "proportional",
-            Some([zero, pole]) if zero < pole => "lead",
-            Some(_) => "lag",
+            None => Action::Proportional,
+            Some([zero, pole]) if zero < pole => Action::Lead,
+            Some(_) => Action::Lag,
         };
         let summary = &found.summary;
         Ok(Self {
             gain: compensator.gain,
             zero_hz: own.map(|c| c[0]),
             pole_hz: own.map(|c| c[1]),
-            action: action.to_owned(),
+            action,
             band_hz,
             blsfg: judged.blsfg,
             reference_sfm: design.reference_sfm(),
@@ -228,11 +237,7 @@ impl CompensatorDesignResult {
                         blsfg,
                     }
                 }),
-                edges: summary
-                    .edges
-                    .iter()
-                    .map(|(unknown, end)| EdgeResult { unknown: (*unknown).to_owned(), end: (*end).to_owned() })
-                    .collect(),
+                edges: summary.edges.clone(),
             },
             sweep,
         })

@@ -1,8 +1,9 @@
 //! How the question is put.
 
-use crate::analysis::excitation::signal::SignalInput;
-use crate::analysis::excitation::{problems, read};
-use crate::analysis::problem::{Code, Problem};
+use crate::analysis::contract::Part;
+use crate::analysis::excitation::problems;
+use crate::analysis::problem::Problem;
+use crate::analysis::reading::{read, wrong_spec as wrong};
 use crate::excite::flatness::Band;
 use crate::excite::motion::MotionLimits;
 use crate::excite::path::Discretisation;
@@ -18,6 +19,7 @@ const MOST_LINES: usize = 100_000;
 /// A rule by which lines are chosen.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "ExcitationLineName")]
 pub enum LineName {
     /// Those that the generator is known to excite; of other signals the excited ones.
     #[default]
@@ -33,12 +35,15 @@ pub enum LineName {
 /// Which lines of the signal's period are judged.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
+#[schemars(rename = "ExcitationLines")]
 pub enum LineChoice {
     /// `auto`, `excited`, `all` or `odd`.
+    #[schemars(title = "LineName")]
     Name(LineName),
     /// These multiples of 1/period, increasing.
+    #[schemars(title = "GivenHarmonics")]
     Harmonics {
-        /// The multiples.
+        /// The multiples of 1/period, from 1 on.
         harmonics: Vec<usize>,
     },
 }
@@ -46,6 +51,7 @@ pub enum LineChoice {
 /// What the signal is a signal of.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "ExcitationQuantity")]
 pub enum Quantity {
     /// A position, whose derivatives are velocity and acceleration.
     #[default]
@@ -62,15 +68,16 @@ pub struct ExcitationQualitySpec {
     pub band_hz: Vec<Band>,
     /// `auto`, `excited`, `all`, `odd` or `{"harmonics": [..]}`. Default: auto.
     pub lines: LineChoice,
-    /// Share of the strongest line's power from which a recorded line counts as excited. Default: 1e-6.
+    /// Share of the strongest line's power from which a recorded line counts as excited, dimensionless. Default: 1e-6.
     pub power_threshold: f64,
     /// How a plant in continuous time is sampled. Default: zero_order_hold.
     pub discretisation: Discretisation,
-    /// What the signal is, where no plant says so. Default: position; with a plant and without a controller it is the plant's input.
+    /// What the signal is, where no plant says so. Default: position; with a plant and without a controller it is the
+    /// plant's input.
     pub quantity: Quantity,
     /// Limits on the peaks of the motion. Default: none.
     pub limits: MotionLimits,
-    /// How far ahead the signal is predicted from its past, s. Default: 0.1, 0.2 and 0.5.
+    /// How far ahead the signal is predicted from its past, in seconds. Default: 0.1, 0.2 and 0.5.
     pub horizons_s: Vec<f64>,
     /// Lines in the table at most, the lowest ones. Default: 500.
     pub max_lines: usize,
@@ -94,18 +101,21 @@ impl Default for ExcitationQualitySpec {
     }
 }
 
-fn wrong(detail: impl Into<String>, at: impl Into<String>) -> Problem {
-    Problem::new(Code::Invalid, "unusable spec", detail).at(at)
+impl Part for ExcitationQualitySpec {
+    fn read(value: &Value, at: &str) -> Result<Self, Problem> {
+        read(value, at, "unusable spec")
+    }
 }
 
 impl ExcitationQualitySpec {
-    pub(super) fn parse(
-        value: &Value,
-        signal: &SignalInput,
+    /// Checks it for a signal of this sample time, where it is known, and for what the signal passes through.
+    pub(super) fn checked(
+        self,
+        sample_time_s: Option<f64>,
         has_plant: bool,
         has_controller: bool,
     ) -> Result<Self, Problem> {
-        let mut spec: Self = read(value, "/spec", "unusable spec")?;
+        let mut spec = self;
         if spec.band_hz.len() > MOST {
             return Err(wrong(
                 format!("there are {} bands; at most {MOST} are judged", spec.band_hz.len()),
@@ -113,8 +123,7 @@ impl ExcitationQualitySpec {
             ));
         }
         for (i, band) in spec.band_hz.iter().enumerate() {
-            band.check(signal.sample_time_s())
-                .map_err(|error| problems::band(&error, &format!("/spec/band_hz/{i}")))?;
+            band.check(sample_time_s).map_err(|error| problems::band(&error, &format!("/spec/band_hz/{i}")))?;
         }
         if let LineChoice::Harmonics { harmonics } = &spec.lines {
             let rising = harmonics.windows(2).all(|pair| pair[0] < pair[1]);
