@@ -5,13 +5,21 @@
 
 pub mod contract;
 pub mod frequency_response;
+pub mod gain_fit;
 pub mod ids;
+pub mod input_design;
 pub mod inputs;
+pub mod inverse {
+    //! What `gain_fit` shares with the inverse problems.
+    pub mod shares;
+    pub mod structure_spec;
+}
 pub mod kind;
 pub mod problem;
 mod reading;
 pub mod registry;
 pub mod report;
+pub mod robust_input_design;
 pub mod samples;
 pub mod ssid;
 pub mod ssid_mimo;

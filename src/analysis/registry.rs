@@ -26,6 +26,9 @@ kinds! {
     ssid,
     ssid_mimo,
     two_stimulus,
+    gain_fit,
+    input_design,
+    robust_input_design,
 }
 
 /// A kind, for whoever lists, documents or dispatches them.
