@@ -1,11 +1,11 @@
 use super::*;
 use crate::analysis::problem::Code;
-use crate::analysis::{Plan, Report, Request};
+use crate::analysis::{Plan, Report};
 use crate::control::MultivariableModel;
 use crate::ctl::StopReason;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// The example of Zhang 2015, section 4.6, on a pool around the truth.
 fn request() -> Value {
