@@ -26,11 +26,14 @@ kinds! {
     ssid,
     ssid_mimo,
     two_stimulus,
+    gain_fit,
     inverse_lqr,
     inverse_lqe,
     inverse_lqg,
     excitation_quality,
     compensator_design,
+    input_design,
+    robust_input_design,
 }
 
 /// A kind, for whoever lists, documents or dispatches them.
