@@ -23,8 +23,6 @@ pub mod trial_input;
 pub mod trial_problem;
 pub mod two_stimulus;
 
-pub use crate::identify::search::shelf::{Reading, Writing};
-pub use crate::identify::search::{Key, Origins, Shared, Shelf, Tally};
 pub use inputs::{Library, References, StoredTrial};
 pub use kind::{Kind, Request};
 pub use plan::{Failure, Incumbent, Plan};

@@ -123,7 +123,7 @@ impl Plan {
             sample_time_s: written.sample_time_s.or(trials.first().map(|t| t.trial().sample_time_s)),
             max_candidates: written.max_candidates,
         };
-        let search = Automatic { method: written.search, shared: &library.shared };
+        let search = Automatic { method: written.search, pools: &*library.pools };
         let found = identify(&plant, &data, &settings, &search, ctl).map_err(|error| match error {
             SsidError::Stopped(stopped) => Failure::Stopped(stopped),
             SsidError::Interrupted(interrupted) => Failure::Interrupted {
@@ -198,7 +198,7 @@ impl Plan {
                 noise.as_ref(),
                 repeats.as_ref(),
                 settings.sample_time_s,
-                &library.shared,
+                &*library.pools,
                 ctl,
             )?;
             let own = settings.recipe.structure();
