@@ -8,7 +8,7 @@ use volition::control::System;
 use volition::ctl::Ctl;
 use volition::identify::pool::{Degrees, PoolSpec};
 use volition::identify::problem::{Lines, Problem};
-use volition::identify::search::{Cells, Listed, Search};
+use volition::identify::search::{Clusters, Search, SensitivitySearch};
 use volition::plants::catalogue;
 
 #[test]
@@ -19,15 +19,15 @@ fn the_best_candidate_of_all_is_the_one_that_an_independent_search_found() {
     let plant = System::Continuous(catalogue::two_mass());
     let pool = spec.check(Degrees::default()).unwrap().build(&plant, &ctl).unwrap();
     let omega: Vec<f64> = (0..13).map(|k| TAU * (0.1 + 0.025 * f64::from(k))).collect();
-    let mut cells = None;
+    let mut clusters = None;
     for case in golden["ch3_cases"].as_array().unwrap() {
         let number = |name: &str| case[name].as_f64().unwrap();
         let pair = |x: &Value| Complex64::new(x[0].as_f64().unwrap(), x[1].as_f64().unwrap());
         let h: Vec<Complex64> = case["H"].as_array().unwrap().iter().map(pair).collect();
         let problem = Problem::new(&Lines::new(&plant, &omega, &h, None), 4).unwrap();
-        let cells = cells.get_or_insert_with(|| Cells::new(&problem, &pool, &ctl).unwrap().unwrap());
+        let clusters = clusters.get_or_insert_with(|| Clusters::new(&problem, &pool, &ctl).unwrap().unwrap());
         ctl.begin_search();
-        let found = Listed { cells }.search(&problem, &pool, &ctl).unwrap();
+        let found = SensitivitySearch { clusters }.search(&problem, &pool, &ctl).unwrap();
 
         let expected = number("J");
         let near = (found.cost - expected).abs() <= 1e-6 * expected || (found.cost < 1e-28 && expected < 1e-28);

@@ -9,7 +9,7 @@ use volition::control::{Continuous, Discrete, System, TransferFunction};
 use volition::ctl::Ctl;
 use volition::identify::delayed::{Pair, search_with_delays};
 use volition::identify::pool::{Candidate, Degrees, PoolSpec};
-use volition::identify::search::{Automatic, Exhaustive, Method, Shared};
+use volition::identify::search::{Automatic, Exhaustive, KeepNothing, Method};
 use volition::identify::ssid::{Settings, Weights};
 use volition::num::{Polynomial, linalg, rng};
 use volition::response::FrequencyData;
@@ -153,8 +153,7 @@ fn every_pair_of_delays_has_the_optimum_of_a_slow_search() {
             let data = data(plant, [ff, fb], truth, noise, seed);
             let ctl = Ctl::new();
             let found = search_with_delays(plant, &data, &settings, &pairs(&delays), &Exhaustive, &ctl).unwrap();
-            let shared = Shared::default();
-            let automatic = Automatic { method: Method::default(), shared: &shared };
+            let automatic = Automatic { method: Method::default(), pools: &KeepNothing };
             assert_eq!(search_with_delays(plant, &data, &settings, &pairs(&delays), &automatic, &ctl).unwrap(), found);
             let mut at_truth = f64::INFINITY;
             for point in &found {

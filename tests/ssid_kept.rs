@@ -10,30 +10,30 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Barrier, Mutex};
 use std::time::{Duration, SystemTime};
+use volition::cache::{ByteStore, CacheStatistics, Key, Origins, ReadBytes, WriteBytes};
 use volition::control::{Continuous, System, TransferFunction};
 use volition::ctl::{Ctl, StopReason};
 use volition::identify::pool::{Degrees, PoolSpec, Recipe};
 use volition::identify::problem::{Lines, Problem};
-use volition::identify::search::shelf::{Reading, Writing};
-use volition::identify::search::{Automatic, Key, Method, Optimum, Origins, Search, Shared, Shelf, Tally};
+use volition::identify::search::{Automatic, Method, Optimum, Search};
 use volition::identify::ssid::plant_for;
 use volition::num::{Complex64, rng};
-use volition::worker::Folder;
+use volition::worker::{Folder, PoolMemo};
 
-/// A shelf in memory, which remembers everything that it was ever given.
+/// A byte store in memory, which remembers everything that it was ever given.
 #[derive(Debug, Default)]
 struct Memory {
     kept: Mutex<HashMap<Key, Vec<Vec<u8>>>>,
 }
 
-impl Shelf for Memory {
-    fn load(&self, key: &Key, read: &mut Reading<'_>) -> bool {
+impl ByteStore for Memory {
+    fn load(&self, key: &Key, read: &mut ReadBytes<'_>) -> bool {
         let Some(bytes) = self.kept.lock().unwrap().get(key).and_then(|all| all.last().cloned()) else { return false };
         let mut from = &bytes[..];
         read(&mut from, bytes.len() as u64).is_ok() && from.is_empty()
     }
 
-    fn save(&self, key: &Key, write: &mut Writing<'_>) {
+    fn save(&self, key: &Key, write: &mut WriteBytes<'_>) {
         let mut bytes = Vec::new();
         write(&mut bytes).unwrap();
         self.kept.lock().unwrap().entry(key.clone()).or_default().push(bytes);
@@ -86,8 +86,8 @@ fn products(seed: u64) -> Case {
 }
 
 /// The answers to the trials of a case, by whoever shares this.
-fn answers(case: &Case, shared: &Shared) -> Vec<Optimum> {
-    let search = Automatic { method: Method::BranchAndBound, shared };
+fn answers(case: &Case, pools: &PoolMemo) -> Vec<Optimum> {
+    let search = Automatic { method: Method::BranchAndBound, pools };
     let ctl = Ctl::new();
     let answer = |problem: &Problem| {
         let pool = search.pool(&case.recipe, &case.plant, &ctl).unwrap();
@@ -100,10 +100,14 @@ fn answers(case: &Case, shared: &Shared) -> Vec<Optimum> {
     case.problems.iter().map(answer).collect()
 }
 
-const MADE: Tally =
-    Tally { pools: Origins { memory: 1, shelf: 0, made: 1 }, trees: Origins { memory: 1, shelf: 0, made: 1 } };
-const READ: Tally =
-    Tally { pools: Origins { memory: 1, shelf: 1, made: 0 }, trees: Origins { memory: 1, shelf: 1, made: 0 } };
+const MADE: CacheStatistics = CacheStatistics {
+    pools: Origins { memory: 1, store: 0, made: 1 },
+    trees: Origins { memory: 1, store: 0, made: 1 },
+};
+const READ: CacheStatistics = CacheStatistics {
+    pools: Origins { memory: 1, store: 1, made: 0 },
+    trees: Origins { memory: 1, store: 1, made: 0 },
+};
 
 #[test]
 fn what_was_kept_gives_the_same_answer_and_the_same_bytes() {
@@ -111,18 +115,18 @@ fn what_was_kept_gives_the_same_answer_and_the_same_bytes() {
         for seed in seeds {
             let case = make(seed);
             let memory = Arc::new(Memory::default());
-            let first = Shared::with_shelf(Arc::<Memory>::clone(&memory));
+            let first = PoolMemo::with_store(Arc::<Memory>::clone(&memory));
             let expected = answers(&case, &first);
-            assert_eq!(first.tally(), MADE, "seed {seed}");
-            assert_eq!(answers(&case, &Shared::default()), expected, "without a shelf, seed {seed}");
+            assert_eq!(first.statistics(), MADE, "seed {seed}");
+            assert_eq!(answers(&case, &PoolMemo::default()), expected, "without a store, seed {seed}");
 
-            let second = Shared::with_shelf(Arc::<Memory>::clone(&memory));
+            let second = PoolMemo::with_store(Arc::<Memory>::clone(&memory));
             assert_eq!(answers(&case, &second), expected, "seed {seed}");
-            assert_eq!(second.tally(), READ, "seed {seed}");
+            assert_eq!(second.statistics(), READ, "seed {seed}");
 
             // What was read and is written again is the same, and so is what is made a second time.
             let again = Arc::new(Again { from: Arc::clone(&memory), into: Memory::default() });
-            answers(&case, &Shared::with_shelf(Arc::<Again>::clone(&again)));
+            answers(&case, &PoolMemo::with_store(Arc::<Again>::clone(&again)));
             let made: HashMap<Key, Vec<Vec<u8>>> = memory.kept.lock().unwrap().clone();
             assert_eq!(made.len(), 2, "counts and trees");
             assert_eq!(*again.into.kept.lock().unwrap(), made, "seed {seed}");
@@ -137,13 +141,13 @@ struct Again {
     into: Memory,
 }
 
-impl Shelf for Again {
-    fn load(&self, key: &Key, _: &mut Reading<'_>) -> bool {
+impl ByteStore for Again {
+    fn load(&self, key: &Key, _: &mut ReadBytes<'_>) -> bool {
         assert!(self.from.kept.lock().unwrap().contains_key(key), "the same key is asked for");
         false
     }
 
-    fn save(&self, key: &Key, write: &mut Writing<'_>) {
+    fn save(&self, key: &Key, write: &mut WriteBytes<'_>) {
         self.into.save(key, write);
     }
 }
@@ -152,9 +156,9 @@ impl Shelf for Again {
 fn other_plants_lines_degrees_and_recipes_have_other_trees() {
     let memory = Arc::new(Memory::default());
     let ask = |case: &Case| {
-        let shared = Shared::with_shelf(Arc::<Memory>::clone(&memory));
-        answers(case, &shared);
-        shared.tally()
+        let memo = PoolMemo::with_store(Arc::<Memory>::clone(&memory));
+        answers(case, &memo);
+        memo.statistics()
     };
     let one = products(3);
     assert_eq!(ask(&one), MADE);
@@ -166,8 +170,8 @@ fn other_plants_lines_degrees_and_recipes_have_other_trees() {
         let problem = Problem::new(&Lines::new(&one.plant, &omega, &h, None), 2).unwrap();
         Case { recipe: one.recipe.clone(), plant: one.plant.clone(), problems: vec![problem.clone(), problem] }
     };
-    let tally = ask(&fewer);
-    assert_eq!((tally.pools, tally.trees), (READ.pools, MADE.trees), "the same pool at other lines");
+    let statistics = ask(&fewer);
+    assert_eq!((statistics.pools, statistics.trees), (READ.pools, MADE.trees), "the same pool at other lines");
     let mut gains = one.recipe.clone();
     gains.gains.pop();
     assert_eq!(ask(&Case { recipe: gains, ..products(3) }), MADE);
@@ -178,15 +182,15 @@ fn other_plants_lines_degrees_and_recipes_have_other_trees() {
 fn a_search_that_is_stopped_keeps_nothing_and_says_so() {
     let case = listed(0);
     let memory = Arc::new(Memory::default());
-    answers(&case, &Shared::with_shelf(Arc::<Memory>::clone(&memory)));
-    let shared = Shared::with_shelf(Arc::<Memory>::clone(&memory));
-    let search = Automatic { method: Method::BranchAndBound, shared: &shared };
+    answers(&case, &PoolMemo::with_store(Arc::<Memory>::clone(&memory)));
+    let memo = PoolMemo::with_store(Arc::<Memory>::clone(&memory));
+    let search = Automatic { method: Method::BranchAndBound, pools: &memo };
     let ctl = Ctl::new();
     ctl.stop(StopReason::Shutdown);
     assert!(search.pool(&case.recipe, &case.plant, &ctl).is_err());
     let pool = search.pool(&case.recipe, &case.plant, &Ctl::new()).unwrap();
     assert!(search.search(&case.problems[0], &pool, &ctl).is_err());
-    assert_eq!(shared.tally().trees, Origins::default());
+    assert_eq!(memo.statistics().trees, Origins::default());
     assert!(memory.kept.lock().unwrap().values().all(|saved| saved.len() == 1));
 }
 
@@ -205,8 +209,8 @@ fn kept(folder: &Path) -> Vec<(PathBuf, u64)> {
     found
 }
 
-fn in_folder(path: &Path, most_bytes: u64) -> Shared {
-    Shared::with_shelf(Arc::new(Folder::new(path, most_bytes)))
+fn in_folder(path: &Path, most_bytes: u64) -> PoolMemo {
+    PoolMemo::with_store(Arc::new(Folder::new(path, most_bytes)))
 }
 
 #[test]
@@ -216,15 +220,15 @@ fn a_folder_keeps_pools_and_trees_for_the_next_process() {
     for case in [listed(1), products(4)] {
         let first = in_folder(&path, 1 << 30);
         let expected = answers(&case, &first);
-        assert_eq!(first.tally(), MADE);
+        assert_eq!(first.statistics(), MADE);
         let second = in_folder(&path, 1 << 30);
         assert_eq!(answers(&case, &second), expected);
-        assert_eq!(second.tally(), READ);
+        assert_eq!(second.statistics(), READ);
     }
     assert_eq!(kept(&path).len(), 4);
 }
 
-/// Something small by key, through the shelf's own interface.
+/// Something small by key, through the store's own interface.
 fn put(folder: &Folder, key: &Key, text: &[u8]) {
     folder.save(key, &mut |to: &mut dyn Write| to.write_all(text));
 }
@@ -241,7 +245,7 @@ fn get(folder: &Folder, key: &Key) -> Option<Vec<u8>> {
 fn keys() -> Vec<Key> {
     let memory = Arc::new(Memory::default());
     for seed in [3, 4] {
-        answers(&products(seed), &Shared::with_shelf(Arc::<Memory>::clone(&memory)));
+        answers(&products(seed), &PoolMemo::with_store(Arc::<Memory>::clone(&memory)));
     }
     let mut keys: Vec<Key> = memory.kept.lock().unwrap().keys().cloned().collect();
     keys.sort_by_key(Key::hexadecimal);
@@ -253,10 +257,10 @@ fn keys() -> Vec<Key> {
 fn a_damaged_file_is_never_believed() {
     let keys = keys();
     let folder = tempfile::tempdir().unwrap();
-    let shelf = Folder::new(folder.path(), 1 << 20);
+    let store = Folder::new(folder.path(), 1 << 20);
     let text: Vec<u8> = (0..200).collect();
-    put(&shelf, &keys[0], &text);
-    assert_eq!(get(&shelf, &keys[0]), Some(text.clone()));
+    put(&store, &keys[0], &text);
+    assert_eq!(get(&store, &keys[0]), Some(text.clone()));
     let path = kept(folder.path())[0].0.clone();
     let whole = fs::read(&path).unwrap();
     for at in 0..whole.len() {
@@ -264,32 +268,32 @@ fn a_damaged_file_is_never_believed() {
             let mut damaged = whole.clone();
             damaged[at] ^= flip;
             fs::write(&path, damaged).unwrap();
-            assert_eq!(get(&shelf, &keys[0]), None, "byte {at}");
+            assert_eq!(get(&store, &keys[0]), None, "byte {at}");
         }
         fs::write(&path, &whole[..at]).unwrap();
-        assert_eq!(get(&shelf, &keys[0]), None, "cut at {at}");
+        assert_eq!(get(&store, &keys[0]), None, "cut at {at}");
     }
     let longer: Vec<u8> = whole.iter().copied().chain([0]).collect();
     for foreign in [longer, Vec::new(), vec![0; 500], whole[44..].to_vec()] {
         fs::write(&path, foreign).unwrap();
-        assert_eq!(get(&shelf, &keys[0]), None);
+        assert_eq!(get(&store, &keys[0]), None);
     }
     // Whole, but of something else.
     fs::write(&path, &whole).unwrap();
     let other = path.with_file_name(format!("{}-{}.kept", keys[1].kind(), keys[1].hexadecimal()));
     fs::rename(&path, &other).unwrap();
-    assert_eq!((get(&shelf, &keys[0]), get(&shelf, &keys[1])), (None, None));
+    assert_eq!((get(&store, &keys[0]), get(&store, &keys[1])), (None, None));
     // Whoever reads less than everything, or cannot make sense of it, is not to believe it either.
     fs::rename(&other, &path).unwrap();
-    assert!(!shelf.load(&keys[0], &mut |_, _| Ok(())));
-    assert!(!shelf.load(&keys[0], &mut |from, length| {
+    assert!(!store.load(&keys[0], &mut |_, _| Ok(())));
+    assert!(!store.load(&keys[0], &mut |from, length| {
         from.take(length).read_to_end(&mut Vec::new())?;
         Err(io::Error::other("nonsense"))
     }));
     // And it is replaced.
     fs::write(&path, b"nothing").unwrap();
-    put(&shelf, &keys[0], &text);
-    assert_eq!(get(&shelf, &keys[0]), Some(text));
+    put(&store, &keys[0], &text);
+    assert_eq!(get(&store, &keys[0]), Some(text));
     assert_eq!(kept(folder.path()).len(), 1);
 }
 
@@ -312,9 +316,9 @@ fn damaged_trees_are_made_again_and_replaced() {
                 }
                 fs::write(path, damaged).unwrap();
             }
-            let shared = in_folder(folder.path(), 1 << 30);
-            assert_eq!(answers(&case, &shared), expected);
-            assert_eq!(shared.tally(), MADE, "round {round}");
+            let memo = in_folder(folder.path(), 1 << 30);
+            assert_eq!(answers(&case, &memo), expected);
+            assert_eq!(memo.statistics(), MADE, "round {round}");
             for (path, bytes) in &whole {
                 assert!(fs::read(path).unwrap() == *bytes, "{} is whole again", path.display());
             }
@@ -322,14 +326,14 @@ fn damaged_trees_are_made_again_and_replaced() {
     }
 }
 
-/// The bytes that a tree is made of are damaged behind a hash that is right: nothing of the kind comes from a disk, but reading must neither
-/// panic nor ask for more memory than the bytes justify.
+/// The bytes that a tree is made of are damaged behind a hash that is right: nothing of the kind comes from a disk, but
+/// reading must neither panic nor ask for more memory than the bytes justify.
 #[test]
 fn no_bytes_make_the_reader_panic() {
     let mut random = rng::stream(12, "bytes");
     for case in [listed(0), products(3)] {
         let memory = Arc::new(Memory::default());
-        answers(&case, &Shared::with_shelf(Arc::<Memory>::clone(&memory)));
+        answers(&case, &PoolMemo::with_store(Arc::<Memory>::clone(&memory)));
         let whole = memory.kept.lock().unwrap().clone();
         let mut refused = 0;
         for round in 0..60 {
@@ -347,8 +351,8 @@ fn no_bytes_make_the_reader_panic() {
             }
             let ctl = Arc::new(Ctl::new());
             let stopping = Arc::new(Stopping { memory: Arc::clone(&memory), ctl: Arc::clone(&ctl), refused: 0.into() });
-            let shared = Shared::with_shelf(Arc::<Stopping>::clone(&stopping));
-            let search = Automatic { method: Method::BranchAndBound, shared: &shared };
+            let memo = PoolMemo::with_store(Arc::<Stopping>::clone(&stopping));
+            let search = Automatic { method: Method::BranchAndBound, pools: &memo };
             let pool = search.pool(&case.recipe, &case.plant, &ctl).unwrap();
             assert!(search.search(&case.problems[0], &pool, &ctl).is_err());
             refused += stopping.refused.load(Ordering::SeqCst);
@@ -365,8 +369,8 @@ struct Stopping {
     refused: AtomicUsize,
 }
 
-impl Shelf for Stopping {
-    fn load(&self, key: &Key, read: &mut Reading<'_>) -> bool {
+impl ByteStore for Stopping {
+    fn load(&self, key: &Key, read: &mut ReadBytes<'_>) -> bool {
         let believed = self.memory.load(key, read);
         if key.kind() == "trees" {
             self.refused.fetch_add(usize::from(!believed), Ordering::SeqCst);
@@ -375,23 +379,23 @@ impl Shelf for Stopping {
         believed
     }
 
-    fn save(&self, _: &Key, _: &mut Writing<'_>) {}
+    fn save(&self, _: &Key, _: &mut WriteBytes<'_>) {}
 }
 
 #[test]
 fn two_that_make_the_same_at_once_are_both_right() {
     let case = listed(1);
     let folder = tempfile::tempdir().unwrap();
-    let expected = answers(&case, &Shared::default());
+    let expected = answers(&case, &PoolMemo::default());
     let together = Barrier::new(2);
     std::thread::scope(|scope| {
         let both: Vec<_> = (0..2)
             .map(|_| {
                 scope.spawn(|| {
                     // As two processes have it: a folder each, with nothing in common but the path.
-                    let shared = in_folder(folder.path(), 1 << 30);
+                    let memo = in_folder(folder.path(), 1 << 30);
                     together.wait();
-                    answers(&case, &shared)
+                    answers(&case, &memo)
                 })
             })
             .collect();
@@ -402,7 +406,7 @@ fn two_that_make_the_same_at_once_are_both_right() {
     assert_eq!(kept(folder.path()).len(), 2);
     let third = in_folder(folder.path(), 1 << 30);
     assert_eq!(answers(&case, &third), expected);
-    assert_eq!(third.tally(), READ);
+    assert_eq!(third.statistics(), READ);
 }
 
 #[test]
@@ -410,33 +414,33 @@ fn what_was_not_used_for_longest_goes_first() {
     let keys = keys();
     let folder = tempfile::tempdir().unwrap();
     // Room for three files of 276 bytes.
-    let shelf = Folder::new(folder.path(), 900);
+    let store = Folder::new(folder.path(), 900);
     let age = |key: &Key, minutes: u64| {
         let path = folder.path().join(format!("{}-{}.kept", key.kind(), key.hexadecimal()));
         let file = fs::File::options().write(true).open(path).unwrap();
         file.set_modified(SystemTime::now() - Duration::from_secs(60 * minutes)).unwrap();
     };
     for (key, minutes) in keys[..3].iter().zip([30, 20, 10]) {
-        put(&shelf, key, &[7; 200]);
+        put(&store, key, &[7; 200]);
         age(key, minutes);
     }
     assert_eq!(kept(folder.path()).len(), 3);
     // The oldest is used, so the second oldest goes.
-    assert!(get(&shelf, &keys[0]).is_some());
+    assert!(get(&store, &keys[0]).is_some());
     let left_over = folder.path().join("dead.unfinished");
     fs::write(&left_over, [0; 100]).unwrap();
     fs::File::options().write(true).open(&left_over).unwrap().set_modified(SystemTime::UNIX_EPOCH).unwrap();
     fs::write(folder.path().join("notes.TAG"), [0; 2000]).unwrap();
-    put(&shelf, &keys[3], &[7; 200]);
-    let there: Vec<bool> = keys.iter().map(|key| get(&shelf, key).is_some()).collect();
+    put(&store, &keys[3], &[7; 200]);
+    let there: Vec<bool> = keys.iter().map(|key| get(&store, key).is_some()).collect();
     assert_eq!(there, [true, false, true, true]);
     assert!(!left_over.exists(), "what a dead process left goes too");
     assert!(folder.path().join("notes.TAG").exists(), "what is not ours stays");
     // One that is larger than everything may be is not kept, and pushes nothing out.
-    put(&shelf, &keys[1], &[7; 1000]);
-    assert_eq!((get(&shelf, &keys[1]), kept(folder.path()).len()), (None, 3));
+    put(&store, &keys[1], &[7; 1000]);
+    assert_eq!((get(&store, &keys[1]), kept(folder.path()).len()), (None, 3));
     // In place of itself it needs no more room.
-    put(&shelf, &keys[3], &[8; 200]);
+    put(&store, &keys[3], &[8; 200]);
     assert_eq!(kept(folder.path()).len(), 3);
 }
 
@@ -447,14 +451,14 @@ fn without_a_folder_to_write_to_everything_works_as_before() {
     let file = folder.path().join("a file");
     fs::write(&file, "in the way").unwrap();
     for path in [file.clone(), file.join("below"), PathBuf::from("/proc/volition-cannot-write-here")] {
-        let shared = in_folder(&path, 1 << 30);
-        assert_eq!(answers(&case, &shared), answers(&case, &Shared::default()));
-        assert_eq!(shared.tally(), MADE);
+        let memo = in_folder(&path, 1 << 30);
+        assert_eq!(answers(&case, &memo), answers(&case, &PoolMemo::default()));
+        assert_eq!(memo.statistics(), MADE);
     }
     assert_eq!(fs::read_to_string(&file).unwrap(), "in the way");
     // A disk that is full in the middle of a file leaves nothing behind.
     let full = folder.path().join("full");
-    let shared = in_folder(&full, 10_000);
-    answers(&case, &shared);
+    let memo = in_folder(&full, 10_000);
+    answers(&case, &memo);
     assert!(kept(&full).iter().all(|(_, bytes)| *bytes <= 10_000));
 }

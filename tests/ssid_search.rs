@@ -12,7 +12,7 @@ use volition::ctl::Ctl;
 use volition::identify::pool::{Degrees, Pool, PoolSpec};
 use volition::identify::problem::{Lines, Problem};
 use volition::identify::search::{
-    BranchAndBound, Cells, Exhaustive, Listed, MOST_NEAR, Method, NEAR, Optimum, Prepared, Search,
+    Clusters, Exhaustive, FactorTrees, FactoredSearch, MOST_NEAR, Method, NEAR, Optimum, Search, SensitivitySearch,
 };
 use volition::num::{Polynomial, linalg};
 
@@ -22,8 +22,8 @@ fn both(problem: &Problem, pool: &Pool) -> Optimum {
     let slow = Exhaustive.search(problem, pool, &ctl).unwrap();
     let told = ctl.bracket();
     ctl.begin_search();
-    let prepared = Prepared::new(problem, pool, &ctl).unwrap();
-    let fast = BranchAndBound { prepared: &prepared }.search(problem, pool, &ctl).unwrap();
+    let trees = FactorTrees::new(problem, pool, &ctl).unwrap();
+    let fast = FactoredSearch { trees: &trees }.search(problem, pool, &ctl).unwrap();
     assert_eq!(fast.method, Method::BranchAndBound);
     assert_eq!((fast.index, fast.cost, fast.near_optimal), (slow.index, slow.cost, slow.near_optimal));
     assert_eq!(fast.near, slow.near);
@@ -34,8 +34,8 @@ fn both(problem: &Problem, pool: &Pool) -> Optimum {
     // Small leaves, so that even small pools are divided deeply.
     for leaf in [3, 40] {
         ctl.begin_search();
-        let Some(cells) = Cells::with_leaves(problem, pool, leaf, &ctl).unwrap() else { continue };
-        let listed = Listed { cells: &cells }.search(problem, pool, &ctl).unwrap();
+        let Some(clusters) = Clusters::with_leaves(problem, pool, leaf, &ctl).unwrap() else { continue };
+        let listed = SensitivitySearch { clusters: &clusters }.search(problem, pool, &ctl).unwrap();
         assert_eq!(
             (listed.index, listed.cost, listed.near_optimal, &listed.near),
             (slow.index, slow.cost, slow.near_optimal, &slow.near),
@@ -107,8 +107,8 @@ impl Case {
         p.roots().unwrap().iter().map(exponent).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Every stable candidate's cost in the order of the pool, from the formulas (2.4) to (2.8) as printed: powers of the variable,
-    /// one dense least-squares problem each. `None` if a pole is too near the boundary to call.
+    /// Every stable candidate's cost in the order of the pool, from the formulas (2.4) to (2.8) as printed: powers of
+    /// the variable, one dense least-squares problem each. `None` if a pole is too near the boundary to call.
     fn slow(&self) -> Option<Vec<f64>> {
         let poly = |c: &[f64]| Polynomial::new(c.to_vec());
         let (np, dp) = (poly(&self.plant.0), poly(&self.plant.1));
@@ -330,7 +330,8 @@ fn thinned_published_pools_agree_with_qr_on_every_candidate() {
     }
 }
 
-/// Trials from early to late learning with 0 to 30 % noise, on the plants of the thesis: both searches, the same answer.
+/// Trials from early to late learning with 0 to 30 % noise, on the plants of the thesis: both searches, the same
+/// answer.
 #[test]
 fn branch_and_bound_agrees_on_thinned_published_pools() {
     use volition::plants::catalogue;

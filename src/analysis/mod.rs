@@ -33,6 +33,3 @@ pub use kind::{Kind, Request};
 pub use problem::{Code, Problem};
 pub use registry::Plan;
 pub use report::{Effort, Provenance, Report, Warning};
-
-pub use crate::identify::search::shelf::{Reading, Writing};
-pub use crate::identify::search::{Key, Origins, Shared, Shelf, Tally};

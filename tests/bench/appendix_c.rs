@@ -43,7 +43,7 @@ fn main() {
 
 fn run(group: &str, numerator: [f64; 2], order: usize, pool: &Value, cases: &[Case]) {
     let denominator = [1.0, 3.6, 4.0];
-    let library = Library::default();
+    let library = Library { pools: Arc::new(PoolMemo::default()), ..Library::default() };
     let spec: PoolSpec = serde_json::from_value(pool.clone()).unwrap();
     let degrees =
         Degrees { feedforward_numerator: Some(order), feedforward_denominator: Some(order), ..Degrees::default() };
@@ -51,7 +51,7 @@ fn run(group: &str, numerator: [f64; 2], order: usize, pool: &Value, cases: &[Ca
     let continuous = TransferFunction::new(&numerator, &denominator, volition::control::Continuous).unwrap();
     let plant = plant_for(&recipe, &System::Continuous(continuous), Some(0.02)).unwrap();
     let begin = Instant::now();
-    let automatic = Automatic { method: Method::BranchAndBound, shared: &library.shared };
+    let automatic = Automatic { method: Method::BranchAndBound, pools: &*library.pools };
     let counted = automatic.pool(&recipe, &plant, &Ctl::new()).unwrap();
     println!("{group}: {} candidates, counted in {:.1} s", counted.size(), begin.elapsed().as_secs_f64());
     let identify = |case: &Case, refine: bool| {

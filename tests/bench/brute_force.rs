@@ -15,7 +15,7 @@ use volition::control::System;
 use volition::ctl::Ctl;
 use volition::identify::pool::{Degrees, Pool, PoolSpec, Position};
 use volition::identify::problem::{Lines, Problem};
-use volition::identify::search::{Cells, Listed, Search, exact};
+use volition::identify::search::{Clusters, Search, SensitivitySearch, exact};
 use volition::num::Complex64;
 use volition::plants::catalogue;
 
@@ -196,9 +196,9 @@ fn main() {
     let problem = Problem::new(&Lines::new(&plant, &omega, &h, None), 4).unwrap();
 
     let begin = Instant::now();
-    let cells = Cells::new(&problem, &pool, &ctl).unwrap().unwrap();
-    let found = Listed { cells: &cells }.search(&problem, &pool, &ctl).unwrap();
-    drop(cells);
+    let clusters = Clusters::new(&problem, &pool, &ctl).unwrap().unwrap();
+    let found = SensitivitySearch { clusters: &clusters }.search(&problem, &pool, &ctl).unwrap();
+    drop(clusters);
     println!(
         "by bounds:       candidate {} of {} costs {:e}, {} within 1 %; {:.1} s with set-up",
         found.index,

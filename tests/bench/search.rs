@@ -15,7 +15,7 @@ use volition::control::System;
 use volition::ctl::Ctl;
 use volition::identify::pool::{Degrees, PoolSpec};
 use volition::identify::problem::{Lines, Problem};
-use volition::identify::search::{Cells, Listed, Search};
+use volition::identify::search::{Clusters, Search, SensitivitySearch};
 use volition::num::{Complex64, rng};
 use volition::plants::catalogue;
 use volition::simulate::SimulatedStudy;
@@ -48,7 +48,7 @@ fn branch_and_bound(smoke: bool) {
     let pool = recipe.build(&plant, &ctl).unwrap();
     let omega: Vec<f64> = (0..13).map(|k| std::f64::consts::TAU * (0.1 + 0.025 * f64::from(k))).collect();
     let trials = if smoke { 4 } else { 40 };
-    let mut cells = None;
+    let mut clusters = None;
     let mut times = Vec::new();
     let mut rng = rng::stream(7, "bench");
     let mut draw = || rng.random::<f64>();
@@ -69,17 +69,17 @@ fn branch_and_bound(smoke: bool) {
             })
             .collect();
         let problem = Problem::new(&Lines::new(&plant, &omega, &h, None), 4).unwrap();
-        let cells = cells.get_or_insert_with(|| {
-            let cells = Cells::new(&problem, &pool, &ctl).unwrap().unwrap();
+        let clusters = clusters.get_or_insert_with(|| {
+            let clusters = Clusters::new(&problem, &pool, &ctl).unwrap().unwrap();
             println!(
                 "appendix B by bounds            {:>12} candidates, set up in {:.1} s",
                 pool.size(),
                 begin.elapsed().as_secs_f64()
             );
-            cells
+            clusters
         });
         let begin = Instant::now();
-        let found = Listed { cells }.search(&problem, &pool, &ctl).unwrap();
+        let found = SensitivitySearch { clusters }.search(&problem, &pool, &ctl).unwrap();
         times.push(begin.elapsed().as_secs_f64());
         println!(
             "  learned {learned:.2}, noise {noise:.3}: {:>6.2} s, {:>6.2} million bounds, {:>6.2} million evaluated, {:>4} candidates within 1 %",

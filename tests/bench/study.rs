@@ -13,7 +13,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
-use volition::analysis::Shared;
 use volition::analysis::report::hexadecimal;
 use volition::api::{AppState, router};
 use volition::control::System;
@@ -22,7 +21,7 @@ use volition::num::{Complex64, rng};
 use volition::plants::catalogue;
 use volition::store::{NewPlant, NewStudy, NewSubject, NewTrial, Store};
 use volition::trial::{Signals, Trial};
-use volition::worker::{Analyses, Folder, Worker, WorkerSettings};
+use volition::worker::{Analyses, Folder, PoolMemo, Worker, WorkerSettings};
 
 const SAMPLE_TIME_S: f64 = 0.05;
 const PERIOD_S: f64 = 40.0;
@@ -87,8 +86,8 @@ async fn study(smoke: bool, per_subject: u32) {
         let report = service.get(&format!("/v1/analyses/{id}/report")).await;
         again.push(report["provenance"]["wall_time_s"].as_f64().unwrap());
     }
-    let tally = service.shared.tally();
-    assert_eq!((tally.trees.shelf, tally.trees.memory), (1, 1), "{tally:?}");
+    let needed = service.pools.statistics();
+    assert_eq!((needed.trees.store, needed.trees.memory), (1, 1), "{needed:?}");
     service.stop().await;
     store.close().await;
 
@@ -113,15 +112,15 @@ fn text(value: &Value) -> String {
 struct Service {
     url: String,
     client: reqwest::Client,
-    shared: Arc<Shared>,
+    pools: Arc<PoolMemo>,
     shutdown: CancellationToken,
     tasks: Vec<tokio::task::JoinHandle<()>>,
 }
 
 impl Service {
     async fn start(store: &Store, cache: &Path) -> Self {
-        let shared = Arc::new(Shared::with_shelf(Arc::new(Folder::new(cache, 8 << 30))));
-        let analyses = Arc::new(Analyses::new(Arc::clone(&shared)));
+        let pools = Arc::new(PoolMemo::with_store(Arc::new(Folder::new(cache, 8 << 30))));
+        let analyses = Arc::new(Analyses::new(Arc::clone(&pools)));
         let worker = Worker::new(store.clone(), analyses, WorkerSettings::default()).unwrap();
         let shutdown = CancellationToken::new();
         let stop = shutdown.clone();
@@ -130,12 +129,12 @@ impl Service {
         });
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
-        let state = AppState::new(store.clone()).with_shared(Arc::clone(&shared)).with_shutdown(shutdown.clone());
+        let state = AppState::new(store.clone()).with_cache(pools.counters()).with_shutdown(shutdown.clone());
         let stop = shutdown.clone();
         let serving = tokio::spawn(async move {
             axum::serve(listener, router(state)).with_graceful_shutdown(stop.cancelled_owned()).await.unwrap();
         });
-        Self { url, client: reqwest::Client::new(), shared, shutdown, tasks: vec![working, serving] }
+        Self { url, client: reqwest::Client::new(), pools, shutdown, tasks: vec![working, serving] }
     }
 
     async fn get(&self, path: &str) -> Value {

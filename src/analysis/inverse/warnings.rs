@@ -95,8 +95,10 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
             let which = conditioning.solution_width.map_or_else(
                 || "it was not measured, and the weights given are any of it".to_owned(),
                 |width| {
-                    format!("those of least Frobenius norm are given, and a diagonal weight may range over \
-                        {width:.2e} of its value")
+                    format!(
+                        "those of least Frobenius norm are given, and a diagonal weight may range over \
+                        {width:.2e} of its value"
+                    )
                 },
             );
             warnings.push(Warning::new(
