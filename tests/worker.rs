@@ -10,7 +10,9 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
 use volition::analysis::ids::{AnalysisId, TrialId};
-use volition::analysis::{Code, Failure, Incumbent, Kind, Library, Problem, References, Report, Request};
+use volition::analysis::{
+    Analysis as _, Code, Failure, Incumbent, Library, Problem, References, Report, Request, ssid,
+};
 use volition::ctl::{Bracket, Ctl, Progress, StopReason, Stopped};
 use volition::jobs::Status;
 use volition::store::{AnalysisRecord, NewAnalysis, Store, StoreError};
@@ -51,13 +53,13 @@ impl Work for Scripted {
 }
 
 fn report(answer: &str) -> Report {
-    Report::new(Kind::Ssid, 1, json!({"answer": answer}), Vec::new(), json!({}), [].into(), None)
+    Report::new(ssid::Plan::KIND, 1, json!({"answer": answer}), Vec::new(), json!({}), [].into(), None)
 }
 
 fn new_analysis(script: &str) -> NewAnalysis {
     NewAnalysis {
         study: None,
-        kind: Kind::Ssid,
+        kind: ssid::Plan::KIND,
         request: Request { kind: "ssid".into(), inputs: json!({"trials": []}), spec: json!({"script": script}) },
         spec_sha256: "0".repeat(64),
         trials: Vec::new(),
@@ -412,7 +414,7 @@ async fn a_worker_whose_lease_was_taken_stops_and_writes_nothing() {
     let worker = bench.start(quick());
     hear(has_began).await;
     // Deleted under the worker: the lease is gone.
-    bench.store.delete_analysis(id).await.unwrap();
+    bench.store.delete::<AnalysisRecord>(id, None).await.unwrap();
     in_time(async {
         while stopped.lock().unwrap().is_empty() {
             tokio::time::sleep(Duration::from_millis(3)).await;
@@ -420,7 +422,7 @@ async fn a_worker_whose_lease_was_taken_stops_and_writes_nothing() {
     })
     .await;
     worker.stop().await;
-    assert_eq!(*stopped.lock().unwrap(), [StopReason::LeaseLost]);
+    assert_eq!(*stopped.lock().unwrap(), [StopReason::Withdrawn]);
     assert!(matches!(bench.store.analysis(id).await, Err(StoreError::NotFound { .. })));
 }
 

@@ -1,9 +1,9 @@
 //! For whoever runs the server: health and metrics.
 
 use super::extract::Params;
-use super::problem::{ApiResult, of_store};
+use super::problem::{ApiResult, RequestCode};
 use super::state::AppState;
-use crate::analysis::{Code, Problem};
+use crate::analysis::Problem;
 use crate::cache::{CacheStatistics, Origins};
 use axum::Json;
 use axum::extract::State;
@@ -98,8 +98,8 @@ pub async fn readyz(State(state): State<AppState>, Params(()): Params<()>) -> Ap
     match state.store.ping().await {
         Ok(()) => Ok(Json(HEALTH)),
         Err(error) => {
-            let _ = of_store(&error);
-            Err(Problem::new(Code::Busy, "not ready", "the database does not answer").into())
+            tracing::error!(%error, "store failed");
+            Err(Problem::new(RequestCode::Busy, "not ready", "the database does not answer").into())
         }
     }
 }

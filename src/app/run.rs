@@ -73,13 +73,7 @@ pub fn run(path: &Path, compute_threads: usize, csv: bool, cache: &CacheArgs) ->
 fn blames_the_input(code: Code) -> bool {
     matches!(
         code,
-        Code::Malformed
-            | Code::Invalid
-            | Code::BadSignal
-            | Code::NotFound
-            | Code::TooLarge
-            | Code::Unaffordable
-            | Code::UnsupportedMediaType
+        Code::Malformed | Code::Invalid | Code::BadSignal | Code::NotFound | Code::TooLarge | Code::Unaffordable
     )
 }
 

@@ -55,12 +55,12 @@ pub(super) struct Inner {
 }
 
 impl Store {
-    /// Opens (creating and migrating it where needed) the database file; `None` is a private temporary one, removed with
-    /// the last handle.
+    /// Opens (creating and migrating it where needed) the database file; `None` is a private temporary one, removed
+    /// with the last handle.
     ///
     /// # Errors
-    /// [`StoreError::CannotOpen`] where the path is a directory, is not ours, or cannot be read and written, or was written
-    /// by a newer version; [`StoreError::Migration`] where its schema cannot be brought up to date.
+    /// [`StoreError::CannotOpen`] where the path is a directory, is not ours, or cannot be read and written, or was
+    /// written by a newer version; [`StoreError::Migration`] where its schema cannot be brought up to date.
     pub async fn open(path: Option<&Path>) -> StoreResult<Self> {
         Self::open_with_clock(path, Clock::System).await
     }
@@ -188,8 +188,8 @@ fn check_file(file: &Path) -> StoreResult<()> {
     match std::fs::metadata(file) {
         Ok(metadata) if metadata.is_dir() => Err(cannot("it is a directory; name a file".to_owned())),
         Ok(metadata) if !metadata.is_file() => Err(cannot("it is not a regular file".to_owned())),
-        // Not opened here: closing it again would drop the locks that SQLite may hold on it in this process (POSIX locks
-        // belong to process and file, not to the handle).
+        // Not opened here: closing it again would drop the locks that SQLite may hold on it in this process (POSIX
+        // locks belong to process and file, not to the handle).
         Ok(_) => Ok(()),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
             let mut options = std::fs::OpenOptions::new();

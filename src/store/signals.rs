@@ -1,7 +1,7 @@
 //! How a recorded column is packed: `pco`, lossless to the bit, with a checksum over the packed bytes.
 
 use super::error::{StoreError, StoreResult};
-use crate::analysis::report::hexadecimal;
+use crate::num::hexadecimal::hexadecimal;
 use crate::trial::{Channel, Signals, Trial};
 use pco::ChunkConfig;
 use pco::standalone::{simple_compress, simple_decompress};

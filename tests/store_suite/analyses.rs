@@ -15,7 +15,7 @@ async fn an_analysis_comes_back_as_it_was_asked_for() {
     assert_eq!(bench.store.analysis(made.id).await.unwrap(), made);
     assert_eq!(
         (made.study, made.kind, &made.request, &made.spec_sha256),
-        (Some(study), Kind::Ssid, &new.request, &new.spec_sha256)
+        (Some(study), ssid::Plan::KIND, &new.request, &new.spec_sha256)
     );
     assert_eq!((made.status, made.attempts, made.cancel_requested, made.version), (Status::Queued, 0, false, 1));
     assert_eq!((made.started_at, made.finished_at, made.problem, made.eta_s), (None, None, None, None));
@@ -23,7 +23,7 @@ async fn an_analysis_comes_back_as_it_was_asked_for() {
     assert_not_found(bench.store.analysis(nothing).await, "analysis");
     assert_not_found(bench.store.report_json(nothing).await, "analysis");
     assert_not_found(bench.store.request_cancel(nothing).await, "analysis");
-    assert_not_found(bench.store.delete_analysis(nothing).await, "analysis");
+    assert_not_found(bench.store.delete::<AnalysisRecord>(nothing, None).await, "analysis");
 }
 
 #[tokio::test]
@@ -60,7 +60,7 @@ async fn lists_filter_by_study_trial_kind_and_status() {
     let of = async |new| store.create_analysis(new, None).await.unwrap().into_inner().id;
     let a = of(new_analysis(vec![one])).await;
     let b = of(new_analysis(vec![one, two])).await;
-    let c = of(NewAnalysis { kind: Kind::FrequencyResponse, ..new_analysis(vec![two]) }).await;
+    let c = of(NewAnalysis { kind: frequency_response::Plan::KIND, ..new_analysis(vec![two]) }).await;
     let d = of(new_analysis(Vec::new())).await;
     store.request_cancel(b).await.unwrap();
     let list = async |filter: AnalysisFilter| -> Vec<AnalysisId> {
@@ -71,7 +71,7 @@ async fn lists_filter_by_study_trial_kind_and_status() {
     assert_eq!(list(AnalysisFilter { study: Some(study), ..all() }).await, [a, b, c]);
     assert_eq!(list(AnalysisFilter { trial: Some(one), ..all() }).await, [a, b]);
     assert_eq!(list(AnalysisFilter { trial: Some(two), ..all() }).await, [b, c]);
-    assert_eq!(list(AnalysisFilter { kind: Some(Kind::FrequencyResponse), ..all() }).await, [c]);
+    assert_eq!(list(AnalysisFilter { kind: Some(frequency_response::Plan::KIND), ..all() }).await, [c]);
     assert_eq!(list(AnalysisFilter { status: Some(Status::Cancelled), ..all() }).await, [b]);
     assert_eq!(list(AnalysisFilter { trial: Some(one), status: Some(Status::Queued), ..all() }).await, [a]);
     let counts = store.count_by_status().await.unwrap();
@@ -91,7 +91,7 @@ async fn a_run_counts_what_was_asked_for_in_the_same_way() {
         of(new_analysis(vec![trial])).await;
     }
     of(NewAnalysis { spec_sha256: other_spec.clone(), ..new_analysis(vec![trial]) }).await;
-    of(NewAnalysis { kind: Kind::FrequencyResponse, ..new_analysis(vec![trial]) }).await;
+    of(NewAnalysis { kind: frequency_response::Plan::KIND, ..new_analysis(vec![trial]) }).await;
     of(new_analysis(Vec::new())).await;
     for seconds in [3.0, 1.5] {
         let lease = store.claim("w", 15.0).await.unwrap().unwrap().lease;
@@ -110,7 +110,7 @@ async fn a_run_counts_what_was_asked_for_in_the_same_way() {
     };
     // In the order of `Status::ALL`; the latest first, and of those that succeeded only.
     assert_eq!(progress(RunFilter::default()).await, (vec![2, 1, 2, 1, 0], vec![1.5, 3.0]));
-    let ssid = RunFilter { kind: Some(Kind::Ssid), ..RunFilter::default() };
+    let ssid = RunFilter { kind: Some(ssid::Plan::KIND), ..RunFilter::default() };
     assert_eq!(progress(ssid.clone()).await.0, [1, 1, 2, 1, 0]);
     let other = RunFilter { spec_sha256: Some(other_spec), ..ssid };
     assert_eq!(progress(other).await, (vec![1, 0, 0, 0, 0], vec![]));
@@ -133,7 +133,7 @@ async fn reports_of_trials_are_of_single_trials_oldest_first() {
     };
     let first = done(new_analysis(vec![one]), 1.0).await;
     done(new_analysis(vec![one, two]), 2.0).await;
-    done(NewAnalysis { kind: Kind::FrequencyResponse, ..new_analysis(vec![one]) }, 3.0).await;
+    done(NewAnalysis { kind: frequency_response::Plan::KIND, ..new_analysis(vec![one]) }, 3.0).await;
     let again = done(NewAnalysis { spec_sha256: "6".repeat(64), ..new_analysis(vec![one]) }, 4.0).await;
     let of_two = done(new_analysis(vec![two]), 5.0).await;
     store.create_analysis(new_analysis(vec![two]), None).await.unwrap();
@@ -141,12 +141,12 @@ async fn reports_of_trials_are_of_single_trials_oldest_first() {
     store.fail(&lease, &problem()).await.unwrap();
     store.create_analysis(new_analysis(vec![two]), None).await.unwrap();
 
-    let found = store.reports_of_trials(&[two, one], Kind::Ssid).await.unwrap();
+    let found = store.reports_of_trials(&[two, one], ssid::Plan::KIND).await.unwrap();
     let brief: Vec<_> = found.iter().map(|r| (r.trial, r.analysis, r.report.clone())).collect();
     assert_eq!(brief, [(two, of_two, report(5.0)), (one, first, report(1.0)), (one, again, report(4.0))]);
     assert_eq!(found[2].spec_sha256, "6".repeat(64));
-    assert_eq!(store.reports_of_trials(&[one], Kind::FrequencyResponse).await.unwrap().len(), 1);
-    assert_eq!(store.reports_of_trials(&[], Kind::Ssid).await.unwrap(), []);
+    assert_eq!(store.reports_of_trials(&[one], frequency_response::Plan::KIND).await.unwrap().len(), 1);
+    assert_eq!(store.reports_of_trials(&[], ssid::Plan::KIND).await.unwrap(), []);
 }
 
 /// What the pure rules and the database look at, side by side.
@@ -219,7 +219,7 @@ async fn the_store_follows_the_rules_in_every_short_history() {
             assert_eq!(bench.store.report_json(id).await.unwrap().is_some(), job.status == Status::Succeeded);
         }
         if !job.status.is_final() {
-            bench.store.delete_analysis(id).await.unwrap();
+            bench.store.delete::<AnalysisRecord>(id, None).await.unwrap();
         }
     }
 }

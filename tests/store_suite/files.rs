@@ -5,7 +5,7 @@ use sqlx::Connection;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use std::path::{Path, PathBuf};
 use volition::jobs::Status;
-use volition::store::AnalysisFilter;
+use volition::store::{AnalysisFilter, Study, Subject, TrialRecord};
 
 fn place() -> (tempfile::TempDir, PathBuf) {
     let directory = directory();
@@ -110,7 +110,7 @@ async fn deleted_people_are_gone_from_the_files() {
     }
     // Scattered ones first, so that pages are merged and rebuilt around those that stay.
     for k in [7, 8, 9, 20, 31, 0, 39, 14, 15, 16, 17] {
-        store.delete_subject(subjects[k], None).await.unwrap();
+        store.delete::<Subject>(subjects[k], None).await.unwrap();
         let after = bytes(&path);
         for trace in traces(k) {
             assert!(!holds(&after, &trace), "{trace} is still on disk");
@@ -118,11 +118,11 @@ async fn deleted_people_are_gone_from_the_files() {
     }
     // A changed pseudonym is forgotten as well.
     let patch = volition::store::SubjectPatch { code: Some("renamed".into()), ..Default::default() };
-    store.patch_subject(subjects[3], patch, None).await.unwrap();
+    store.change::<Subject>(subjects[3], patch, None).await.unwrap();
     assert!(!holds(&bytes(&path), "pseudonym-03-end"));
     let kept = bytes(&path);
     assert!(traces(4).iter().all(|trace| holds(&kept, trace)), "those who stay, stay");
-    store.delete_study(study, None).await.unwrap();
+    store.delete::<Study>(study, None).await.unwrap();
     let after = bytes(&path);
     for k in 0..40 {
         for trace in traces(k) {
@@ -155,7 +155,7 @@ async fn no_trace_survives_in_rebuilt_pages() {
             let (round, id) = living.swap_remove(rng.random_range(0..living.len()));
             dead.extend([format!("<{round:04}-"), format!("[{round:04}]"), format!("({round:04})")]);
             if rng.random_bool(0.7) {
-                store.delete_subject(id, None).await.unwrap();
+                store.delete::<Subject>(id, None).await.unwrap();
             } else {
                 let long = "z".repeat(rng.random_range(0..3000));
                 let patch = volition::store::SubjectPatch {
@@ -163,7 +163,7 @@ async fn no_trace_survives_in_rebuilt_pages() {
                     group: Some(None),
                     attributes: Some(json!({"note": long})),
                 };
-                store.patch_subject(id, patch, None).await.unwrap();
+                store.change::<Subject>(id, patch, None).await.unwrap();
             }
             if round % 20 == 0 || living.len() < 3 {
                 let after = bytes(&path);
@@ -190,7 +190,7 @@ async fn a_reader_in_the_way_only_delays_the_scrubbing() {
     sqlx::raw_sql("BEGIN; SELECT count(*) FROM studies").execute(&mut reader).await.unwrap();
     let deletion = tokio::spawn({
         let store = store.clone();
-        async move { store.delete_study(study, None).await }
+        async move { store.delete::<Study>(study, None).await }
     });
     assert_not_found_soon(&store, study).await;
     sqlx::raw_sql("COMMIT").execute(&mut reader).await.unwrap();
@@ -278,7 +278,7 @@ async fn damage_is_noticed_and_named() {
     assert_damaged(store.trial_signals(id(3)).await, "sample time");
     assert_eq!(store.trial_signals(id(4)).await.unwrap(), new_trial(plant.id, 5).trial);
     assert_damaged(store.report_json(analysis.id).await, "report");
-    assert_damaged(store.reports_of_trials(&[id(0)], Kind::Ssid).await, "report");
+    assert_damaged(store.reports_of_trials(&[id(0)], ssid::Plan::KIND).await, "report");
     let references = volition::analysis::References { trials: vec![id(0)], plants: vec![] };
     assert_damaged(store.library(&references).await, "column y");
     // Still a model, and a wrong one.
@@ -495,7 +495,7 @@ async fn a_large_database_is_scrubbed_later_but_surely() {
     // Asserted only while the pause after which it is paid cannot be over, however busy the machine is.
     let pause = std::time::Duration::from_secs(4);
     let begin = std::time::Instant::now();
-    store.delete_subject(gone, None).await.unwrap();
+    store.delete::<Subject>(gone, None).await.unwrap();
     let debt = owed(&path).await;
     assert!(debt == 1 || begin.elapsed() > pause, "the vacuum is owed");
     assert!(!holds(&bytes(&path), "who-goes"), "the row itself goes at once");
@@ -510,7 +510,7 @@ async fn a_large_database_is_scrubbed_later_but_surely() {
     assert_eq!(store.trial_signals(large_id).await.unwrap(), large.trial);
     assert_eq!(store.peek(&lease).await.unwrap(), volition::store::Held::Yes);
     // Small again: the next deletion is scrubbed before it returns, and the space is given back.
-    store.delete_trial(large_id, None).await.unwrap();
+    store.delete::<TrialRecord>(large_id, None).await.unwrap();
     store.scrub().await.unwrap();
     assert_eq!(owed(&path).await, 0);
     assert!(std::fs::metadata(&path).unwrap().len() < 1 << 20);

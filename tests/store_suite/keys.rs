@@ -1,6 +1,7 @@
 //! Idempotency keys.
 
 use super::*;
+use volition::store::{Subject, TrialRecord};
 
 #[tokio::test]
 async fn the_same_request_twice_makes_one_thing() {
@@ -84,11 +85,11 @@ async fn what_was_deleted_is_not_made_again() {
     let (study, plant, subject) = bench.lab().await;
     let k = key("k", "body");
     let made = store.create_subject(study, new_subject("S02"), Some(&k)).await.unwrap().into_inner();
-    store.delete_subject(made.id, None).await.unwrap();
+    store.delete::<Subject>(made.id, None).await.unwrap();
     let late = store.create_subject(study, new_subject("S02"), Some(&k)).await;
     assert_conflict(late, "idempotent_result_deleted");
     let trial = store.create_trials(subject, vec![new_trial(plant, 1)], Some(&k)).await.unwrap().remove(0).into_inner();
-    store.delete_trial(trial.id, None).await.unwrap();
+    store.delete::<TrialRecord>(trial.id, None).await.unwrap();
     let late = store.create_trials(subject, vec![new_trial(plant, 1)], Some(&k)).await;
     assert_conflict(late, "idempotent_result_deleted");
     assert_eq!(store.trials(subject, EVERYTHING).await.unwrap(), []);

@@ -4,7 +4,7 @@ use volition::analysis::Incumbent;
 use volition::analysis::ids::AnalysisId;
 use volition::ctl::{Bracket, Progress};
 use volition::jobs::Status;
-use volition::store::{AnalysisFilter, Held, Lease, Standing};
+use volition::store::{AnalysisFilter, AnalysisRecord, Held, Lease, Standing};
 
 const LEASE_S: f64 = 15.0;
 
@@ -115,9 +115,9 @@ async fn a_deleted_analysis_is_lost_to_its_worker() {
     let bench = Bench::new().await;
     let id = bench.queue().await;
     let lease = bench.store.claim("w", LEASE_S).await.unwrap().unwrap().lease;
-    bench.store.delete_analysis(id).await.unwrap();
+    bench.store.delete::<AnalysisRecord>(id, None).await.unwrap();
     assert_powerless(&bench.store, &lease).await;
-    assert_not_found(bench.store.delete_analysis(id).await, "analysis");
+    assert_not_found(bench.store.delete::<AnalysisRecord>(id, None).await, "analysis");
 }
 
 #[tokio::test]

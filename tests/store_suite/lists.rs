@@ -2,6 +2,7 @@
 
 use super::*;
 use uuid::Uuid;
+use volition::store::Study;
 
 /// Walks a list in pages of three.
 async fn walk<T>(mut page_of: impl AsyncFnMut(Page) -> Vec<T>, id: impl Fn(&T) -> Uuid) -> Vec<Uuid> {
@@ -53,7 +54,7 @@ async fn a_page_after_a_deleted_row_goes_on_where_it_was() {
     }
     let page = bench.store.studies(Page { after: None, limit: 2 }).await.unwrap();
     assert_eq!(page.iter().map(|study| study.id).collect::<Vec<_>>(), ids[..2]);
-    bench.store.delete_study(ids[1], None).await.unwrap();
+    bench.store.delete::<Study>(ids[1], None).await.unwrap();
     let page = bench.store.studies(Page { after: Some(ids[1].0), limit: 2 }).await.unwrap();
     assert_eq!(page.iter().map(|study| study.id).collect::<Vec<_>>(), ids[2..4]);
 }

@@ -10,9 +10,9 @@ use serde_json::json;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use volition::analysis::ids::{PlantId, StudyId, SubjectId, TrialId};
-use volition::analysis::report::hexadecimal;
-use volition::analysis::{Code, Kind, Problem, Report, Request};
+use volition::analysis::{Analysis as _, Code, Problem, Report, Request, frequency_response, ssid};
 use volition::control::Model;
+use volition::num::hexadecimal::hexadecimal;
 use volition::store::{
     Clock, Created, IdempotencyKey, NewAnalysis, NewPlant, NewStudy, NewSubject, NewTrial, Page, Store, StoreError,
 };
@@ -118,7 +118,7 @@ pub fn of_trial(plant: PlantId, number: i64, trial: Trial) -> NewTrial {
 pub fn new_analysis(trials: Vec<TrialId>) -> NewAnalysis {
     NewAnalysis {
         study: None,
-        kind: Kind::Ssid,
+        kind: ssid::Plan::KIND,
         request: Request {
             kind: "ssid".into(),
             inputs: json!({"trials": trials}),
@@ -132,7 +132,15 @@ pub fn new_analysis(trials: Vec<TrialId>) -> NewAnalysis {
 
 pub fn report(cost: f64) -> Report {
     let inputs = [("/inputs/trial".to_owned(), "a".repeat(64))].into();
-    Report::new(Kind::Ssid, 1, json!({"cost": cost, "tiny": 5e-324}), Vec::new(), json!({"pool": "x"}), inputs, Some(7))
+    Report::new(
+        ssid::Plan::KIND,
+        1,
+        json!({"cost": cost, "tiny": 5e-324}),
+        Vec::new(),
+        json!({"pool": "x"}),
+        inputs,
+        Some(7),
+    )
 }
 
 pub fn problem() -> Problem {

@@ -1,7 +1,11 @@
 //! Studies, plants and subjects.
 
 use super::*;
-use volition::store::{StudyPatch, SubjectPatch};
+use volition::store::{Plant, PlantPatch, Study, StudyPatch, Subject, SubjectPatch, TrialRecord};
+
+fn to_name(name: &str) -> PlantPatch {
+    PlantPatch { name: Some(name.to_owned()) }
+}
 
 #[tokio::test]
 async fn a_study_comes_back_as_it_was_given() {
@@ -26,34 +30,34 @@ async fn patches_change_what_they_name_and_count_versions() {
     let study = store.create_study(new_study("Tracking"), None).await.unwrap().into_inner();
     bench.pass(1.0);
     let rename = StudyPatch { name: Some("Reaching".into()), ..StudyPatch::default() };
-    let renamed = store.patch_study(study.id, rename.clone(), Some(1)).await.unwrap();
+    let renamed = store.change::<Study>(study.id, rename.clone(), Some(1)).await.unwrap();
     assert_eq!((renamed.name.as_str(), renamed.display_limit, renamed.version), ("Reaching", Some(2.0), 2));
     assert!(renamed.updated_at > renamed.created_at);
-    assert_stale(store.patch_study(study.id, rename.clone(), Some(1)).await);
-    assert_eq!(store.patch_study(study.id, StudyPatch::default(), Some(2)).await.unwrap(), renamed);
+    assert_stale(store.change::<Study>(study.id, rename.clone(), Some(1)).await);
+    assert_eq!(store.change::<Study>(study.id, StudyPatch::default(), Some(2)).await.unwrap(), renamed);
     let unlimited = StudyPatch { display_limit: Some(None), ..StudyPatch::default() };
-    assert_eq!(store.patch_study(study.id, unlimited, None).await.unwrap().display_limit, None);
-    assert_not_found(store.patch_study(StudyId(uuid::Uuid::nil()), rename, None).await, "study");
+    assert_eq!(store.change::<Study>(study.id, unlimited, None).await.unwrap().display_limit, None);
+    assert_not_found(store.change::<Study>(StudyId(uuid::Uuid::nil()), rename, None).await, "study");
 
     let subject = bench.subject(study.id, "S01").await;
     let patch = SubjectPatch { group: Some(None), attributes: Some(json!({"age_years": 32})), code: None };
-    let patched = store.patch_subject(subject, patch, Some(1)).await.unwrap();
+    let patched = store.change::<Subject>(subject, patch, Some(1)).await.unwrap();
     assert_eq!((patched.code.as_str(), patched.group, patched.version), ("S01", None, 2));
     assert_eq!(patched.attributes, json!({"age_years": 32}));
-    assert_stale(store.patch_subject(subject, SubjectPatch::default(), Some(1)).await);
+    assert_stale(store.change::<Subject>(subject, SubjectPatch::default(), Some(1)).await);
     let moved = SubjectPatch { group: Some(Some("gn".into())), code: Some("S09".into()), attributes: None };
-    let moved = store.patch_subject(subject, moved, None).await.unwrap();
+    let moved = store.change::<Subject>(subject, moved, None).await.unwrap();
     assert_eq!((moved.code.as_str(), moved.group.as_deref(), moved.version), ("S09", Some("gn"), 3));
     assert_eq!(store.subject(subject).await.unwrap(), moved);
     let nobody = SubjectId(uuid::Uuid::nil());
-    assert_not_found(store.patch_subject(nobody, SubjectPatch::default(), None).await, "subject");
+    assert_not_found(store.change::<Subject>(nobody, SubjectPatch::default(), None).await, "subject");
 
     let plant = bench.plant(study.id).await;
-    let renamed = store.rename_plant(plant, "two masses", Some(1)).await.unwrap();
+    let renamed = store.change::<Plant>(plant, to_name("two masses"), Some(1)).await.unwrap();
     assert_eq!((renamed.name.as_str(), renamed.version), ("two masses", 2));
     assert_eq!(store.plant(plant).await.unwrap(), renamed);
-    assert_stale(store.rename_plant(plant, "again", Some(1)).await);
-    assert_not_found(store.rename_plant(PlantId(uuid::Uuid::nil()), "x", None).await, "plant");
+    assert_stale(store.change::<Plant>(plant, to_name("again"), Some(1)).await);
+    assert_not_found(store.change::<Plant>(PlantId(uuid::Uuid::nil()), to_name("x"), None).await, "plant");
 }
 
 #[tokio::test]
@@ -68,9 +72,9 @@ async fn names_and_codes_are_unique_within_their_study() {
     assert!(is_new(&store.create_subject(other_study, new_subject("S01"), None).await.unwrap()));
     store.create_plant(study, new_plant("spring"), None).await.unwrap();
     store.create_subject(study, new_subject("S02"), None).await.unwrap();
-    assert_conflict(store.rename_plant(plant, "spring", None).await, "plant_name_taken");
+    assert_conflict(store.change::<Plant>(plant, to_name("spring"), None).await, "plant_name_taken");
     let patch = SubjectPatch { code: Some("S02".into()), ..SubjectPatch::default() };
-    assert_conflict(store.patch_subject(subject, patch, None).await, "subject_code_taken");
+    assert_conflict(store.change::<Subject>(subject, patch, None).await, "subject_code_taken");
     // A refused write leaves everything as it was.
     assert_eq!(store.subject(subject).await.unwrap().version, 1);
     assert_eq!(store.plant(plant).await.unwrap().version, 1);
@@ -85,11 +89,11 @@ async fn what_belongs_to_a_study_needs_it() {
     assert_not_found(store.plants(nowhere, EVERYTHING).await, "study");
     assert_not_found(store.subjects(nowhere, None, EVERYTHING).await, "study");
     assert_not_found(store.matching_trials(nowhere, &Default::default()).await, "study");
-    assert_not_found(store.delete_study(nowhere, None).await, "study");
+    assert_not_found(store.delete::<Study>(nowhere, None).await, "study");
     assert_not_found(store.plant(PlantId(uuid::Uuid::nil())).await, "plant");
-    assert_not_found(store.delete_plant(PlantId(uuid::Uuid::nil()), None).await, "plant");
+    assert_not_found(store.delete::<Plant>(PlantId(uuid::Uuid::nil()), None).await, "plant");
     assert_not_found(store.subject(SubjectId(uuid::Uuid::nil())).await, "subject");
-    assert_not_found(store.delete_subject(SubjectId(uuid::Uuid::nil()), None).await, "subject");
+    assert_not_found(store.delete::<Subject>(SubjectId(uuid::Uuid::nil()), None).await, "subject");
     assert_not_found(store.trials(SubjectId(uuid::Uuid::nil()), EVERYTHING).await, "subject");
 }
 
@@ -119,8 +123,8 @@ async fn deleting_a_study_takes_everything_in_it_and_nothing_else() {
     let of_plant = NewAnalysis { plants: vec![plant], ..new_analysis(Vec::new()) };
     let of_plant = store.create_analysis(of_plant, None).await.unwrap().into_inner();
     let kept_analysis = store.create_analysis(new_analysis(vec![kept]), None).await.unwrap().into_inner();
-    assert_stale(store.delete_study(study, Some(7)).await);
-    store.delete_study(study, Some(1)).await.unwrap();
+    assert_stale(store.delete::<Study>(study, Some(7)).await);
+    store.delete::<Study>(study, Some(1)).await.unwrap();
     assert_not_found(store.study(study).await, "study");
     assert_not_found(store.plant(plant).await, "plant");
     assert_not_found(store.subject(subject).await, "subject");
@@ -145,8 +149,8 @@ async fn deleting_a_subject_takes_its_trials_and_their_analyses() {
     let alone = store.create_analysis(new_analysis(vec![stays]), None).await.unwrap().into_inner();
     let lease = store.claim("w", 15.0).await.unwrap().unwrap().lease;
     store.succeed(&lease, &report(1.0)).await.unwrap();
-    assert_stale(store.delete_subject(subject, Some(2)).await);
-    store.delete_subject(subject, Some(1)).await.unwrap();
+    assert_stale(store.delete::<Subject>(subject, Some(2)).await);
+    store.delete::<Subject>(subject, Some(1)).await.unwrap();
     assert_not_found(store.trial(gone).await, "trial");
     assert_not_found(store.analysis(both.id).await, "analysis");
     assert_not_found(store.report_json(both.id).await, "analysis");
@@ -162,11 +166,11 @@ async fn a_plant_in_use_stays_and_an_unused_one_goes_with_its_analyses() {
     let trial = bench.trial(subject, plant, 1).await;
     let named = NewAnalysis { plants: vec![plant], ..new_analysis(Vec::new()) };
     let named = store.create_analysis(named, None).await.unwrap().into_inner();
-    assert_conflict(store.delete_plant(plant, None).await, "plant_in_use");
+    assert_conflict(store.delete::<Plant>(plant, None).await, "plant_in_use");
     assert_eq!(store.analysis(named.id).await.unwrap(), named);
-    store.delete_trial(trial, None).await.unwrap();
-    assert_stale(store.delete_plant(plant, Some(3)).await);
-    store.delete_plant(plant, Some(1)).await.unwrap();
+    store.delete::<TrialRecord>(trial, None).await.unwrap();
+    assert_stale(store.delete::<Plant>(plant, Some(3)).await);
+    store.delete::<Plant>(plant, Some(1)).await.unwrap();
     assert_not_found(store.plant(plant).await, "plant");
     assert_not_found(store.analysis(named.id).await, "analysis");
 }

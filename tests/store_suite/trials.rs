@@ -1,7 +1,7 @@
 use super::*;
 use proptest::prelude::*;
 use volition::analysis::References;
-use volition::store::{StudyPatch, TrialFilter, TrialPatch};
+use volition::store::{Study, StudyPatch, TrialFilter, TrialPatch, TrialRecord};
 
 #[tokio::test]
 async fn a_trial_comes_back_as_it_was_given() {
@@ -18,8 +18,8 @@ async fn a_trial_comes_back_as_it_was_given() {
     let nothing = TrialId(uuid::Uuid::nil());
     assert_not_found(bench.store.trial(nothing).await, "trial");
     assert_not_found(bench.store.trial_signals(nothing).await, "trial");
-    assert_not_found(bench.store.delete_trial(nothing, None).await, "trial");
-    assert_not_found(bench.store.patch_trial(nothing, TrialPatch::default(), None).await, "trial");
+    assert_not_found(bench.store.delete::<TrialRecord>(nothing, None).await, "trial");
+    assert_not_found(bench.store.change::<TrialRecord>(nothing, TrialPatch::default(), None).await, "trial");
 }
 
 #[tokio::test]
@@ -129,15 +129,19 @@ async fn a_trial_can_be_renumbered_but_not_onto_another() {
     let (_, plant, subject) = bench.lab().await;
     let (first, second) = (bench.trial(subject, plant, 1).await, bench.trial(subject, plant, 2).await);
     let number = |number| TrialPatch { number: Some(number), session: None };
-    assert_conflict(store.patch_trial(second, number(1), None).await, "trial_number_taken");
-    let moved = store.patch_trial(second, TrialPatch { number: Some(1), session: Some(None) }, Some(1)).await.unwrap();
+    assert_conflict(store.change::<TrialRecord>(second, number(1), None).await, "trial_number_taken");
+    let moved = store
+        .change::<TrialRecord>(second, TrialPatch { number: Some(1), session: Some(None) }, Some(1))
+        .await
+        .unwrap();
     assert_eq!((moved.number, moved.session, moved.version), (1, None, 2));
-    assert_stale(store.patch_trial(second, number(5), Some(1)).await);
-    assert_eq!(store.patch_trial(second, TrialPatch::default(), Some(2)).await.unwrap(), moved);
-    let moved = store.patch_trial(first, TrialPatch { number: None, session: Some(Some(4)) }, None).await.unwrap();
+    assert_stale(store.change::<TrialRecord>(second, number(5), Some(1)).await);
+    assert_eq!(store.change::<TrialRecord>(second, TrialPatch::default(), Some(2)).await.unwrap(), moved);
+    let moved =
+        store.change::<TrialRecord>(first, TrialPatch { number: None, session: Some(Some(4)) }, None).await.unwrap();
     assert_eq!((moved.number, moved.session), (1, Some(4)));
-    assert_stale(store.delete_trial(first, Some(1)).await);
-    store.delete_trial(first, Some(2)).await.unwrap();
+    assert_stale(store.delete::<TrialRecord>(first, Some(1)).await);
+    store.delete::<TrialRecord>(first, Some(2)).await.unwrap();
     assert_not_found(store.trial(first).await, "trial");
 }
 
@@ -157,7 +161,7 @@ async fn divergence_follows_the_present_limit_and_shows_in_the_version() {
     assert_eq!((seen(small).await, seen(large).await), ((false, 1), (true, 1)));
     let limit = async |limit| {
         let patch = StudyPatch { display_limit: Some(limit), ..StudyPatch::default() };
-        store.patch_study(study, patch, None).await.unwrap();
+        store.change::<Study>(study, patch, None).await.unwrap();
     };
     // The limit itself is not passed.
     limit(Some(2.5)).await;
@@ -218,7 +222,7 @@ async fn the_library_holds_recordings_with_their_plants() {
         (&stored.trial, &stored.sha256, &stored.plant, stored.divergent),
         (&new.trial, &new.sha256, &model(), false)
     );
-    bench.store.delete_trial(trials[0], None).await.unwrap();
+    bench.store.delete::<TrialRecord>(trials[0], None).await.unwrap();
     assert_not_found(bench.store.library(&references).await, "trial");
     let no_plant = References { trials: vec![], plants: vec![PlantId(uuid::Uuid::nil())] };
     assert_not_found(bench.store.library(&no_plant).await, "plant");

@@ -4,9 +4,9 @@ use super::index::{Index, Refused, Row};
 use super::plant_text;
 use crate::analysis::Problem;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId};
-use crate::analysis::report::hexadecimal;
 use crate::control::Model;
 use crate::learning::time_domain::metrics;
+use crate::num::hexadecimal::hexadecimal;
 use crate::plants::catalogue;
 use crate::store::{
     Created, NewPlant, NewStudy, NewSubject, NewTrial, Page, Plant, Store, StoreError, Study, Subject, SubjectPatch,
@@ -290,7 +290,7 @@ impl<'a> Loader<'a> {
                 let patch = SubjectPatch { attributes: Some(attributes), ..SubjectPatch::default() };
                 // Whoever changed the subject meanwhile must not lose what was written.
                 self.store
-                    .patch_subject(subject.id, patch, Some(subject.version))
+                    .change::<Subject>(subject.id, patch, Some(subject.version))
                     .await
                     .with_context(|| format!("the trials are stored, but not the other columns of subject {code}"))?;
             }
