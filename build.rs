@@ -1,4 +1,5 @@
-//! Names the code that makes pools and trees, so that trees which other code left on disk are not taken for those of this program.
+//! Names the code that makes pools and trees, so that trees which other code left on disk are not taken for those of
+//! this program.
 #![allow(clippy::print_stdout)]
 
 use std::path::{Path, PathBuf};

@@ -306,8 +306,8 @@ fn zero_order_hold_agrees_with_partial_fractions_at_fifty_digits() {
         let exact =
             discretise::zero_order_hold_state_space(&conversion::to_state_space(&plant).unwrap().balanced(), time)
                 .unwrap();
-        // By states the response is exact to rounding, however fast the sampling; coefficients in powers of z lose up to
-        // six digits at 500 Hz even when each is correctly rounded.
+        // By states the response is exact to rounding, however fast the sampling; coefficients in powers of z lose up
+        // to six digits at 500 Hz even when each is correctly rounded.
         for GoldenResponse { omega_rad_s, h } in &case.response {
             let by_states = exact.response(*omega_rad_s).unwrap()[(0, 0)];
             assert!((by_states - h).norm() <= tolerance * h.norm(), "{} at {omega_rad_s}", case.plant);
@@ -349,8 +349,8 @@ fn the_hold_is_exact_where_it_says_so() {
     }
 }
 
-/// Appendix B of Zhang 2015: of the 16,364 feedforward denominators 5,137 are stable with the margin 0.1; many roots lie on
-/// the margin exactly (`shared/reference/ssid.json`, ch3_pool).
+/// Appendix B of Zhang 2015: of the 16,364 feedforward denominators 5,137 are stable with the margin 0.1; many roots
+/// lie on the margin exactly (`shared/reference/ssid.json`, ch3_pool).
 #[test]
 fn the_stable_feedforward_denominators_of_appendix_b_are_counted() {
     let steps = |from: f64, by: f64, last: u32| (0..=last).map(move |i| from + by * f64::from(i));

@@ -1,4 +1,5 @@
-//! Gains by maximum likelihood: recovery, derivatives, coverage of the intervals, initial states, and the innovation form.
+//! Gains by maximum likelihood: recovery, derivatives, coverage of the intervals, initial states, and the innovation
+//! form.
 #![allow(clippy::unwrap_used, clippy::print_stdout, non_snake_case)]
 
 use nalgebra::{DMatrix, DVector};
@@ -282,9 +283,9 @@ fn unknown_initial_states_do_not_spoil_the_gains() {
     }
 }
 
-/// 95 % intervals on 2,000 simulated data sets, seed 6, for noise that leaves the likelihood nearly quadratic and for ten times as much. A binomial
-/// of 2,000 at 0.95 has a standard deviation of 0.5 %. (Of the first 400 data sets one gain's interval holds the truth in 91.75 %, three standard
-/// deviations of that many.)
+/// 95 % intervals on 2,000 simulated data sets, seed 6, for noise that leaves the likelihood nearly quadratic and for
+/// ten times as much. A binomial of 2,000 at 0.95 has a standard deviation of 0.5 %. (Of the first 400 data sets one
+/// gain's interval holds the truth in 91.75 %, three standard deviations of that many.)
 #[test]
 fn intervals_cover_the_truth_as_often_as_they_say() {
     let (model, truth) = pendulum();

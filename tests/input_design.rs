@@ -179,8 +179,9 @@ fn chapter_five_gains_more_than_the_reference_and_keeps_every_limit() {
     }
     assert!(found.history.windows(2).all(|pair| pair[0] < pair[1]), "it never falls");
     assert!(found.last.bound >= found.last.gain * (1.0 - 1e-9) && found.last.gain >= 0.0);
-    // How far a climb comes depends on its path, so that the reference's ends are no values to meet (±0.02 between solvers), but to beat: every
-    // run of it within the autocorrelation, and with its printed design no parameter by less than 1 %.
+    // How far a climb comes depends on its path, so that the reference's ends are no values to meet (±0.02 between
+    // solvers), but to beat: every run of it within the autocorrelation, and with its printed design no parameter by
+    // less than 1 %.
     let runs = GOLDEN["mm"].as_array().unwrap();
     let ratio = |run: &serde_json::Value| run["ratio"].as_f64().unwrap();
     assert_eq!(runs.len(), 6);
@@ -270,7 +271,8 @@ fn limits_on_changes_hold() {
     assert!(shares(&case, &found.input)[..5].iter().all(|share| *share <= 1.0));
 }
 
-/// Table 5.5 as it should be: the variances of refitted parameters under the best input over those under the start are the predicted ones.
+/// Table 5.5 as it should be: the variances of refitted parameters under the best input over those under the start are
+/// the predicted ones.
 #[test]
 fn refitted_parameters_scatter_as_predicted() {
     use volition::excite::design::refit::{Setting, refit};

@@ -57,7 +57,8 @@ fn margins_and_verdicts_are_those_of_forty_digits() {
     assert!(counts[0] >= 108 && counts[1] >= 106, "{counts:?}");
 }
 
-/// States in units that differ by up to six decades, so that Q's entries differ by twelve: the verdict is that of any other units.
+/// States in units that differ by up to six decades, so that Q's entries differ by twelve: the verdict is that of any
+/// other units.
 #[test]
 fn the_units_of_the_states_decide_nothing() {
     let mut stream = rng::stream(31, "units of the states");
@@ -171,7 +172,8 @@ fn a_fixed_weight_is_a_shape_whatever_its_size() {
     assert!(error.contains("R (1x1) is not positive definite") && error.contains("-1"), "{error}");
 }
 
-/// Sixteen plants of one state side by side, `q_i = k_i(k_i − 2) r_i`: α is the largest ratio, and every other r_i is free in an interval.
+/// Sixteen plants of one state side by side, `q_i = k_i(k_i − 2) r_i`: α is the largest ratio, and every other r_i is
+/// free in an interval.
 #[test]
 fn large_sets_of_best_weights_are_chosen_from_and_measured() {
     let one = DMatrix::identity(16, 16);

@@ -10,7 +10,8 @@ const DIED: Event = Event::WorkerDied { max_attempts: 3 };
 const EVENTS: [Event; 7] =
     [Event::Claim, Event::Succeed, Event::Fail, Event::RequestCancel, Event::ConfirmCancel, Event::Release, DIED];
 
-/// The whole table, written out by hand: (status, cancel requested, attempts) × event → status, attempts; `None` is illegal.
+/// The whole table, written out by hand: (status, cancel requested, attempts) × event → status, attempts; `None` is
+/// illegal.
 #[test]
 fn every_transition_is_as_the_diagram_says() {
     use Event::{Claim, ConfirmCancel, Fail, Release, RequestCancel, Succeed};

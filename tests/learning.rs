@@ -183,15 +183,15 @@ fn norms_of_sampled_systems_use_the_unit_circle() {
 
 #[test]
 fn a_sampled_inverse_with_huge_coefficients_has_norms() {
-    // Found by the demonstration: an FIR feedforward of degree 6, as identified behind a nonminimum-phase plant at 50 Hz,
-    // whose coefficients of 1e8 cancel to about 1.
+    // Found by the demonstration: an FIR feedforward of degree 6, as identified behind a nonminimum-phase plant at 50
+    // Hz, whose coefficients of 1e8 cancel to about 1.
     let num = [-1.57e7, 9.56e7, -2.42e8, 3.28e8, -2.5e8, 1.01e8, -1.689_999_95e7];
     let delay = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     let one = sampled(&[1.0], &[1.0], 0.02);
     let m = controller_metrics(&one, &sampled(&num, &delay, 0.02), &one, (0.0, PI)).unwrap();
     assert!(m.undefined.is_empty(), "{:?}", m.undefined);
-    // A second method: the mean of the modulus by the trapezoidal rule, the polynomial written in powers of z − 1, whose
-    // coefficients (repeated synthetic division; sums of integers below 2^53 times 0.05, exact) do not cancel.
+    // A second method: the mean of the modulus by the trapezoidal rule, the polynomial written in powers of z − 1,
+    // whose coefficients (repeated synthetic division; sums of integers below 2^53 times 0.05, exact) do not cancel.
     let mut shifted: Vec<i64> = num.iter().map(|c| (c * 20.0).round() as i64).collect();
     for last in (1..shifted.len()).rev() {
         for i in 1..=last {

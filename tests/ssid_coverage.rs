@@ -1,10 +1,12 @@
 //! Do bands hold the truth where the data are recordings, and not responses with noise of known variance?
 //!
-//! Simulated trials with a coloured disturbance at the plant's input go through the estimate of the frequency response with few segments,
-//! whose scatter is all that is known of the noise. The refinement starts at the truth: the bands are about the local optimum, not about the search.
+//! Simulated trials with a coloured disturbance at the plant's input go through the estimate of the frequency response
+//! with few segments, whose scatter is all that is known of the noise. The refinement starts at the truth: the bands
+//! are about the local optimum, not about the search.
 //!
-//! Measured once with four times the noise (0.12): bands of the closed loop held the truth in 94 – 95 %, those of the controllers in 91.5 % (2 and 4
-//! segments) and 93.3 % (8), since first order is too little where they are that uncertain.
+//! Measured once with four times the noise (0.12): bands of the closed loop held the truth in 94 – 95 %, those of the
+//! controllers in 91.5 % (2 and 4 segments) and 93.3 % (8), since first order is too little where they are that
+//! uncertain.
 #![allow(clippy::unwrap_used)]
 
 use num_complex::Complex64;

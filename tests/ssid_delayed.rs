@@ -54,8 +54,8 @@ fn cost(plant: &System, h: &[Complex64], candidate: &Candidate, degree: usize, d
     linalg::least_squares(&a, &b).unwrap().1
 }
 
-/// Roots of `D + N e^{−sτ}` right of `−margin`, by the argument along the line `−margin + jω`, ω from 0 to far: a loop of degree n with
-/// all roots on the left turns by nπ/2.
+/// Roots of `D + N e^{−sτ}` right of `−margin`, by the argument along the line `−margin + jω`, ω from 0 to far: a loop
+/// of degree n with all roots on the left turns by nπ/2.
 fn roots_right(d: &[f64], n: &[f64], delay: f64, margin: f64) -> i64 {
     let value = |w: f64| {
         let s = Complex64::new(-margin, w);

@@ -142,8 +142,8 @@ fn distance(a: &System, b: &System) -> f64 {
     (0..count).map(|i| (f64::from(i) + 0.5) * step).map(|w| (a.response(w) - b.response(w)).norm() * step).sum()
 }
 
-/// The pool as printed (order 0), and with the roles of numerator and denominator exchanged (order 1); FIR feedforward of 17
-/// orders and the IIR feedforward of the true order.
+/// The pool as printed (order 0), and with the roles of numerator and denominator exchanged (order 1); FIR feedforward
+/// of 17 orders and the IIR feedforward of the true order.
 #[test]
 fn example_4_5_in_both_readings() {
     let golden = golden();

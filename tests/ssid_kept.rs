@@ -322,8 +322,8 @@ fn damaged_trees_are_made_again_and_replaced() {
     }
 }
 
-/// The bytes that a tree is made of are damaged behind a hash that is right: nothing of the kind comes from a disk, but reading must neither
-/// panic nor ask for more memory than the bytes justify.
+/// The bytes that a tree is made of are damaged behind a hash that is right: nothing of the kind comes from a disk, but
+/// reading must neither panic nor ask for more memory than the bytes justify.
 #[test]
 fn no_bytes_make_the_reader_panic() {
     let mut random = rng::stream(12, "bytes");

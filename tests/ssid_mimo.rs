@@ -1,4 +1,5 @@
-//! Multivariable subsystem identification: the worked examples of Zhang 2015, chapter 4, and random systems against brute force.
+//! Multivariable subsystem identification: the worked examples of Zhang 2015, chapter 4, and random systems against
+//! brute force.
 #![allow(clippy::unwrap_used)]
 
 use nalgebra::{DMatrix, DVector};

@@ -20,7 +20,8 @@ fn golden() -> serde_json::Value {
 }
 
 /// Condition C5 is strict: a pole at exactly −0.1 is not in the pool. 3,359 feedback controllers with a gain lie
-/// exactly there (a zero at −0.1 cancels a pole at −0.1). The reference counts 405 feedback controllers more than we do; see
+/// exactly there (a zero at −0.1 cancels a pole at −0.1). The reference counts 405 feedback controllers more than we
+/// do; see
 /// [`what_the_reference_counts_beyond_the_pool_is_on_the_boundary`].
 #[test]
 fn appendix_b_counts() {
@@ -44,12 +45,13 @@ fn appendix_b_counts() {
     assert_eq!(on_boundary, count("routh_entry_below_1e-9"));
 }
 
-/// With a zero at −0.1 and a pole at −0.1, the closed loop has a pole at −0.1 whatever the plant and the gain are: the controller is
-/// not in the pool. Those whose other poles are fast enough are the 3,359 of the boundary.
+/// With a zero at −0.1 and a pole at −0.1, the closed loop has a pole at −0.1 whatever the plant and the gain are: the
+/// controller is not in the pool. Those whose other poles are fast enough are the 3,359 of the boundary.
 ///
-/// The reference's count is ours and 405 of these: as many as come in where the coefficients of `s² + a1 s + a0` are taken as decimals,
-/// moved by the margin in doubles, and any constant term above zero passes. That its program does so is inferred from the number; it
-/// must judge denominators alone otherwise, or 14 more than 5,137 would pass without feedback.
+/// The reference's count is ours and 405 of these: as many as come in where the coefficients of `s² + a1 s + a0` are
+/// taken as decimals, moved by the margin in doubles, and any constant term above zero passes. That its program does so
+/// is inferred from the number; it must judge denominators alone otherwise, or 14 more than 5,137 would pass without
+/// feedback.
 #[test]
 fn what_the_reference_counts_beyond_the_pool_is_on_the_boundary() {
     let golden = &golden()["appendix_b"];
@@ -117,8 +119,8 @@ fn what_the_reference_counts_beyond_the_pool_is_on_the_boundary() {
     assert_eq!(named, expected);
 }
 
-/// The controllers of appendix B nearest to the boundary on either side that are not on it, their slowest pole found with 80
-/// digits: −0.1 − 2.4·10⁻⁹ and −0.1 + 1.2·10⁻⁸.
+/// The controllers of appendix B nearest to the boundary on either side that are not on it, their slowest pole found
+/// with 80 digits: −0.1 − 2.4·10⁻⁹ and −0.1 + 1.2·10⁻⁸.
 #[test]
 fn the_nearest_controllers_of_appendix_b_are_on_their_side_of_the_boundary() {
     for (natural_frequency, damping, zero, gain, belongs) in
@@ -144,7 +146,8 @@ fn the_nearest_controllers_of_appendix_b_are_on_their_side_of_the_boundary() {
     }
 }
 
-/// Thinned pools of both appendices, counted once more by other means: peaks on a fine grid, closed-loop poles as eigenvalues.
+/// Thinned pools of both appendices, counted once more by other means: peaks on a fine grid, closed-loop poles as
+/// eigenvalues.
 #[test]
 fn thinned_counts_agree_with_a_slow_count() {
     let time = Discrete::new(0.02).unwrap();
@@ -207,7 +210,8 @@ fn thinned_counts_agree_with_a_slow_count() {
     }
 }
 
-/// The rows of every denominator, counted eight at a time and row by row: the same gains to the last one, and the same extremes.
+/// The rows of every denominator, counted eight at a time and row by row: the same gains to the last one, and the same
+/// extremes.
 fn scans_agree(recipe: &Recipe, plant: &System, seen: &mut u64) {
     let Ok(pool) = recipe.build(plant, &Ctl::new()) else { return };
     let table = pool.feedback();

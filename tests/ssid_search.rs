@@ -107,8 +107,8 @@ impl Case {
         p.roots().unwrap().iter().map(exponent).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Every stable candidate's cost in the order of the pool, from the formulas (2.4) to (2.8) as printed: powers of the variable,
-    /// one dense least-squares problem each. `None` if a pole is too near the boundary to call.
+    /// Every stable candidate's cost in the order of the pool, from the formulas (2.4) to (2.8) as printed: powers of
+    /// the variable, one dense least-squares problem each. `None` if a pole is too near the boundary to call.
     fn slow(&self) -> Option<Vec<f64>> {
         let poly = |c: &[f64]| Polynomial::new(c.to_vec());
         let (np, dp) = (poly(&self.plant.0), poly(&self.plant.1));
@@ -330,7 +330,8 @@ fn thinned_published_pools_agree_with_qr_on_every_candidate() {
     }
 }
 
-/// Trials from early to late learning with 0 to 30 % noise, on the plants of the thesis: both searches, the same answer.
+/// Trials from early to late learning with 0 to 30 % noise, on the plants of the thesis: both searches, the same
+/// answer.
 #[test]
 fn branch_and_bound_agrees_on_thinned_published_pools() {
     use volition::plants::catalogue;

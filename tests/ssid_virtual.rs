@@ -37,11 +37,11 @@ fn number(report: &Report, pointer: &str) -> f64 {
     report.result.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("{pointer}: {}", report.result))
 }
 
-/// ‖Gff G − 1‖ falls from the first to the last trial of every subject, and ends lower on the minimum-phase plant, *in this
-/// thinning* of appendix C (8/8/2/3: poles, zeros, damping, gains). A regression, no finding about the method: of five
-/// thinnings tried, the distances fell for all subjects in three (8/8/2/3, 7/7/2/2, 5/5/2/2), and the order of the groups
-/// came out in this one alone, since single minimum-phase trials are taken for high-gain feedback. In the complete pool the distances fall
-/// for all six subjects and the order of the groups does not come out (.277 and .255):
+/// ‖Gff G − 1‖ falls from the first to the last trial of every subject, and ends lower on the minimum-phase plant, *in
+/// this thinning* of appendix C (8/8/2/3: poles, zeros, damping, gains). A regression, no finding about the method: of
+/// five thinnings tried, the distances fell for all subjects in three (8/8/2/3, 7/7/2/2, 5/5/2/2), and the order of the
+/// groups came out in this one alone, since single minimum-phase trials are taken for high-gain feedback. In the
+/// complete pool the distances fall for all six subjects and the order of the groups does not come out (.277 and .255):
 /// `cargo bench --bench appendix_c`.
 #[test]
 fn virtual_subjects_approach_the_inverse_dynamics() {
@@ -89,8 +89,9 @@ fn recorded_people_are_identified_or_refused_with_the_reason() {
     let (mut identified, mut refused) = (0, 0);
     for row in index.deserialize::<BTreeMap<String, String>>() {
         let row = row.unwrap();
-        // The three to six command lines of a trial with two stimuli bear no more than four or five coefficients: a feedforward
-        // of the degree of the inverse dynamics, and the crossover model's feedback (a lag on 1/s, a lead on 1/(s(s+1))).
+        // The three to six command lines of a trial with two stimuli bear no more than four or five coefficients: a
+        // feedforward of the degree of the inverse dynamics, and the crossover model's feedback (a lag on 1/s, a lead
+        // on 1/(s(s+1))).
         let (den, feedforward, roots, zeros, poles) = match row["plant"].as_str() {
             "1/s" => (json!([1.0, 0.0]), 1, "feedback_poles", 0, 1),
             "1/(s(s+1))" => (json!([1.0, 1.0, 0.0]), 2, "feedback_zeros", 1, 0),

@@ -22,7 +22,8 @@ const EVEN: [u32; 6] = [2, 5, 11, 17, 23, 31];
 const ODD: [u32; 5] = [3, 7, 13, 19, 29];
 const STEP_HZ: f64 = 0.05;
 
-/// A sum of sinusoids on multiples of 0.05 Hz, amplitude 1/f, phases from a seed; a ramp of 5 s, then whole periods of 20 s.
+/// A sum of sinusoids on multiples of 0.05 Hz, amplitude 1/f, phases from a seed; a ramp of 5 s, then whole periods of
+/// 20 s.
 fn multisine(lines: &[u32], seed: u64, sample_time_s: f64, samples: usize) -> Vec<f64> {
     let mut stream = rng::stream(seed, "phases");
     let phases: Vec<f64> = lines.iter().map(|_| TAU * stream.random::<f64>()).collect();

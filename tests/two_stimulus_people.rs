@@ -1,14 +1,16 @@
-//! The two-stimulus estimate on recorded people: agreement of both estimates, and the variance of held-out trials accounted for.
+//! The two-stimulus estimate on recorded people: agreement of both estimates, and the variance of held-out trials
+//! accounted for.
 //!
-//! Two people with 30 trials on each of the plants 1/s and 1/(s(s+1)), command and disturbance as sums of sinusoids. Runs where the shared data lie
-//! beside the checkout, and says so where they do not.
+//! Two people with 30 trials on each of the plants 1/s and 1/(s(s+1)), command and disturbance as sums of sinusoids.
+//! Runs where the shared data lie beside the checkout, and says so where they do not.
 //!
 //! # Protocol
-//! Lines at the excited multiples of 0.05 Hz, two periods of 20 s after 5 s of ramp, the person's steady state at the lines, per trial
-//! `1 − var(x − x̂)/var(x)` over these 40 s, means over held-out trials. Four half-splits, of each type of trial (r, d, r and d) apart: even against odd
-//! positions, and by waveform (phases 0, 2, 4 of r and 1, 3 of d against the others; of the trials with both, waveforms a0, a6, a5 against a2, a4), each
-//! in both directions. Novel are trials whose waveform, up to sign, is not in the training half. What is fitted or chosen is so from the
-//! training half alone.
+//! Lines at the excited multiples of 0.05 Hz, two periods of 20 s after 5 s of ramp, the person's steady state at the
+//! lines, per trial `1 − var(x − x̂)/var(x)` over these 40 s, means over held-out trials. Four half-splits, of each
+//! type of trial (r, d, r and d) apart: even against odd positions, and by waveform (phases 0, 2, 4 of r and 1, 3 of d
+//! against the others; of the trials with both, waveforms a0, a6, a5 against a2, a4), each in both directions. Novel
+//! are trials whose waveform, up to sign, is not in the training half. What is fitted or chosen is so from the training
+//! half alone.
 #![allow(clippy::unwrap_used)]
 
 use flate2::read::GzDecoder;
@@ -118,7 +120,8 @@ fn variance(x: &[f64]) -> f64 {
     x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / x.len() as f64
 }
 
-/// Shares of u and y that a steady state at the lines accounts for: the residual has the power off the lines, and that of the misfit at them.
+/// Shares of u and y that a steady state at the lines accounts for: the residual has the power off the lines, and that
+/// of the misfit at them.
 fn shares(trial: &Trial, measured: &Steady, plant: &[Complex64], control: &[Complex64]) -> [f64; 2] {
     let of = |x: &[f64], at_lines: &[Complex64], predicted: &[Complex64]| {
         let total = variance(&x[START..START + PERIODS]);
@@ -142,8 +145,8 @@ fn parametric(fitted: Fitted, omega: &[f64]) -> Predict {
     Box::new(move |k, _, r, d| h[k][0] * r + h[k][2] * d)
 }
 
-/// The estimate without structure of each type of trial apart: least squares per line; where the type's training trials do not excite a line, log
-/// magnitude and phase between (or the nearest of) those that they do.
+/// The estimate without structure of each type of trial apart: least squares per line; where the type's training trials
+/// do not excite a line, log magnitude and phase between (or the nearest of) those that they do.
 fn by_type(train: &StimulusLines, kinds: &[usize]) -> Predict {
     let omega = train.omega_rad_s.clone();
     let mut table: Vec<[Vec<Complex64>; 2]> = Vec::new();
@@ -293,16 +296,16 @@ fn held_out_variance_accounted_for() {
             assert!((0..4).all(|j| ours[j] > baseline[j]), "{plant}: {} is as good", MODELS[i]);
         }
         assert!((0..4).all(|j| ours[j] < rows[5][j]), "nothing passes the ceiling");
-        // How much there is to gain: a response of each type known without error, and one from the nine other trials of the type, twice as many as the
-        // halves have.
+        // How much there is to gain: a response of each type known without error, and one from the nine other trials of
+        // the type, twice as many as the halves have.
         let [at_lines, known, left_out] = limits[plant];
         eprintln!(
             "{plant:11} ceilings: at the lines {at_lines:.3?}, by type {known:.3?}, by type from the others {left_out:.3?}"
         );
         assert!((0..2).all(|j| ours[j] < known[j] && left_out[j] < known[j] && known[j] < at_lines[j]));
         assert!((0..2).all(|j| ours[j] > known[j] - 0.05));
-        // What the table over seven people has for u is passed; its .83 and .55 for y are not reached, nor are they by any of its own models on
-        // these two people.
+        // What the table over seven people has for u is passed; its .83 and .55 for y are not reached, nor are they by
+        // any of its own models on these two people.
         let floor = if *plant == "1/s" { [0.745, 0.822, 0.735, 0.835] } else { [0.435, 0.51, 0.425, 0.495] };
         assert!((0..4).all(|j| ours[j] > floor[j]), "{plant}: {ours:?}");
     }
@@ -340,8 +343,8 @@ fn both_estimates_agree_within_their_bands_at_the_excited_lines() {
         let free = controllers(&found);
         let ladder = fitted(&data, &plant, Structure::mcruer(true, true), 4);
         report(name, subject, "ladder", &ladder, &free);
-        // McRuer's ladder is too stiff for responses this precise. Of seven pairs of rational laws with delays these were taken after looking: the
-        // smallest that agree on all lines.
+        // McRuer's ladder is too stiff for responses this precise. Of seven pairs of rational laws with delays these
+        // were taken after looking: the smallest that agree on all lines.
         let law =
             |numerator_degree, denominator_degree| RationalLaw { numerator_degree, denominator_degree, delay: true };
         let structure = Structure {

@@ -17,8 +17,8 @@ use volition::plants::seated_balance::{Structure, Values};
 /// The weights of the simulated person: `Q = 1e4 I`, `R = 1`.
 const WEIGHT: f64 = 1e4;
 
-/// Trials of 30 s on the wobble chair at Table 5.1, by a person without delay who minimises [`WEIGHT`]; a binary torque of ±6 N m as in
-/// Priess 2015, §5.2, and noise of 0.5 mrad on both angles. The gain comes too.
+/// Trials of 30 s on the wobble chair at Table 5.1, by a person without delay who minimises [`WEIGHT`]; a binary torque
+/// of ±6 N m as in Priess 2015, §5.2, and noise of 0.5 mrad on both angles. The gain comes too.
 fn people(trials: usize, seed: u64) -> (Vec<Value>, DMatrix<f64>) {
     let structure = Structure { delay_order: 0, muscle_lag: false, ..Structure::default() };
     let plant = SeatedBalance::new(structure, Values::table_5_1(), Vec::new()).unwrap();
@@ -124,7 +124,8 @@ async fn trials_go_in_and_the_cost_used_comes_out_with_an_interval_that_covers_i
         let [low, high] = ["lower", "upper"].map(|end| number(&optimality["q"][end][i][i]));
         assert!(low < WEIGHT && WEIGHT < high, "Q{i}{i}: {low} to {high}");
     }
-    // What the person paid for along their own trials: each share sums to one, and the lower angle and the torque are what the cost is made of.
+    // What the person paid for along their own trials: each share sums to one, and the lower angle and the torque are
+    // what the cost is made of.
     assert_eq!(optimality["trial_shares"].as_array().unwrap().len(), 4);
     let sum = |shares: &Value| -> f64 {
         ["states", "ports"].iter().flat_map(|part| shares[part].as_array().unwrap()).map(number).sum()

@@ -165,7 +165,8 @@ async fn structures_and_delays_are_judged_by_trials_left_out() {
     let body = report(&server, &request).await;
     let result = &body["result"];
     assert_eq!(body["schema"], "volition.ssid/4");
-    // How many QR had to decide depends on which thread found what first: it once made the hash of a result differ between two runs.
+    // How many QR had to decide depends on which thread found what first: it once made the hash of a result differ
+    // between two runs.
     assert!(result["certificate"]["decided_by_qr"].is_null(), "{}", result["certificate"]);
     assert!(body["provenance"]["effort"]["candidates_decided_by_qr"].as_u64().unwrap() > 0);
     let compared = &result["structures"];

@@ -39,7 +39,8 @@ fn csv(trial: &Trial) -> String {
     csv
 }
 
-/// A study on 1/s with three trials: r and d on interleaved lines, exchanged in the second; the command alone in the third.
+/// A study on 1/s with three trials: r and d on interleaved lines, exchanged in the second; the command alone in the
+/// third.
 async fn study(server: &TestServer) -> (Lab, Vec<String>) {
     let study = server.study().await;
     let plant = json!({"name": "1/s", "model": {"num": [1.0], "den": [1.0, 0.0], "sample_time_s": null}});
@@ -101,7 +102,8 @@ async fn two_trials_give_both_controllers_and_a_third_is_predicted() {
     }
     assert_eq!(best["held_out_vaf"]["trials"][0]["trial"], "/inputs/validate_on/0");
     assert!(report["provenance"]["inputs_sha256"]["/inputs/validate_on/0"].is_string());
-    // Each group of this study has lines with one trial only, so what a group's response could account for is not known.
+    // Each group of this study has lines with one trial only, so what a group's response could account for is not
+    // known.
     let ceiling = &report["result"]["ceiling"];
     let at_lines = ceiling["at_lines"]["y"].as_f64().unwrap();
     assert!(at_lines > 0.9 && at_lines <= 1.0 && ceiling["by_group"]["y"].is_null(), "{ceiling}");

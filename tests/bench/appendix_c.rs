@@ -1,8 +1,9 @@
 //! Appendix C of Zhang 2015 in full: how long counting, trees and exact search take, and what the search finds.
 //!
-//! `cargo bench --bench appendix_c` searches the first and the last trial of every subject of `virtual_subjects`, or of a simulated study
-//! where these are not beside the checkout; `-- --all` every trial of theirs, `-- --smoke` a thinned pool, for CI. Wall time with the
-//! machine's own number of threads. It asserts only that the answers are exact; what they say about the subjects it prints.
+//! `cargo bench --bench appendix_c` searches the first and the last trial of every subject of `virtual_subjects`, or of
+//! a simulated study where these are not beside the checkout; `-- --all` every trial of theirs, `-- --smoke` a thinned
+//! pool, for CI. Wall time with the machine's own number of threads. It asserts only that the answers are exact; what
+//! they say about the subjects it prints.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use flate2::read::GzDecoder;

@@ -1,8 +1,8 @@
 //! The best candidate of the complete appendix B, one candidate after another, against the search by bounds.
 //!
-//! `cargo bench --bench brute_force` evaluates all 160 billion candidates for one noisy trial of the reference; `-- --smoke` a thinned pool.
-//! Nothing of the search is used: normal equations in single precision, several denominators at once, with a bound of their rounding; whoever
-//! might still be the best is evaluated by QR.
+//! `cargo bench --bench brute_force` evaluates all 160 billion candidates for one noisy trial of the reference;
+//! `-- --smoke` a thinned pool. Nothing of the search is used: normal equations in single precision, several
+//! denominators at once, with a bound of their rounding; whoever might still be the best is evaluated by QR.
 #![allow(clippy::unwrap_used, clippy::print_stdout, clippy::print_stderr)]
 
 use pulp::{Simd, WithSimd};
@@ -114,8 +114,9 @@ impl WithSimd for Screen<'_> {
 
     /// Plain loops over the lanes, which the compiler vectorises for the dispatched instructions.
     ///
-    /// Rounding: sums and factors err by γ of what is summed, so the minimum errs by at most `2γ (√C + ‖x‖₁)²` with the coefficients x in units
-    /// of the columns' lengths, where `‖x‖₁² ≤ p C/λ` and `λ ≥ det/e`: by `4γ C (1 + p e/det)` for a half of p coefficients.
+    /// Rounding: sums and factors err by γ of what is summed, so the minimum errs by at most `2γ (√C + ‖x‖₁)²` with the
+    /// coefficients x in units of the columns' lengths, where `‖x‖₁² ≤ p C/λ` and `λ ≥ det/e`: by `4γ C (1 + p e/det)`
+    /// for a half of p coefficients.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
     fn with_simd<S: Simd>(self, _: S) {

@@ -1,7 +1,9 @@
 //! How fast inputs are designed.
 //!
-//! `cargo bench --bench design` asserts the targets of one core: the case of Priess 2015, chapter 5 (300 samples) from the 63-chip sequence to
-//! 1.93 times its information in 2 s, and 1,200 samples in 60 s. `-- --smoke` asserts no times and leaves the long one out.
+//! `cargo bench --bench design` asserts the targets of one core: the case of Priess 2015, chapter 5 (300 samples) from
+//! the 63-chip sequence to
+//! 1.93 times its information in 2 s, and 1,200 samples in 60 s. `-- --smoke` asserts no times and leaves the long one
+//! out.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use std::time::Instant;

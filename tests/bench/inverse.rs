@@ -1,8 +1,9 @@
 //! How fast the inverse problem is, and the 10,000 random plants.
 //!
-//! `cargo bench --bench inverse` takes some seconds and asserts the targets of one core: n = 4, m = 4 in 2 ms, n = 16, m = 8 in 100 ms,
-//! n = 32, m = 8 in 2 s, each with a forward error of at most 1e-6, and the fit of Priess 2015, §3.4, to f ≤ 1.48 in 1 s.
-//! `-- --full` runs 10,000 optimal gains and 10,000 stabilising ones (about five minutes); `-- --smoke` asserts no times.
+//! `cargo bench --bench inverse` takes some seconds and asserts the targets of one core: n = 4, m = 4 in 2 ms, n = 16,
+//! m = 8 in 100 ms, n = 32, m = 8 in 2 s, each with a forward error of at most 1e-6, and the fit of Priess 2015, §3.4,
+//! to f ≤ 1.48 in 1 s. `-- --full` runs 10,000 optimal gains and 10,000 stabilising ones (about five minutes);
+//! `-- --smoke` asserts no times.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use nalgebra::DMatrix;

@@ -1,7 +1,7 @@
 //! How fast the pool search is, and how quick polling stays while it runs.
 //!
-//! `cargo bench --bench search` takes about a minute; `-- --smoke` some seconds, for CI: it asserts only that the machinery
-//! works, and prints what it measured. `-- --appendix-b` searches that pool in full and nothing else.
+//! `cargo bench --bench search` takes about a minute; `-- --smoke` some seconds, for CI: it asserts only that the
+//! machinery works, and prints what it measured. `-- --appendix-b` searches that pool in full and nothing else.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use rand::RngExt;

@@ -1,10 +1,10 @@
 //! A whole study: one request, one analysis for each of 400 trials, over the complete pool of appendix B.
 //!
-//! `cargo bench --bench study` takes ten to twenty minutes of all processors; `-- --few` has ten trials over the complete pool, and
-//! `-- --smoke` ten over a thinned one.
-//! Trials are made of the 13 lines of Zhang 2015, section 3.5.1, with what subjects from early to late learning would make of
-//! them and 1 to 30 % noise; the plant is that of section 3.5. They are stored in a temporary database, asked for over HTTP, and computed by
-//! a worker with all defaults (refinement included).
+//! `cargo bench --bench study` takes ten to twenty minutes of all processors; `-- --few` has ten trials over the
+//! complete pool, and `-- --smoke` ten over a thinned one. Trials are made of the 13 lines of Zhang 2015, section
+//! 3.5.1, with what subjects from early to late learning would make of them and 1 to 30 % noise; the plant is that of
+//! section 3.5. They are stored in a temporary database, asked for over HTTP, and computed by a worker with all
+//! defaults (refinement included).
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 use rand::RngExt;

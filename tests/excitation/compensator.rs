@@ -32,13 +32,15 @@ fn proportional_control_has_the_peaks_of_the_reference() {
         close(found("blsfg"), number("blsfg"), 1e-7);
         close(found("resonance_hz"), number("fres"), 1e-5);
         close(found("resonance_gain"), number("peak"), 1e-5);
-        // The reference gives those of the loop in continuous time, √(K/m) and c/(2√(Km)); the hold takes off some damping.
+        // The reference gives those of the loop in continuous time, √(K/m) and c/(2√(Km)); the hold takes off some
+        // damping.
         let gain = found("gain");
         close((gain / 10.0).sqrt() / (2.0 * PI), number("fn"), 1e-5);
         close(25.0 / (10.0 * gain).sqrt(), number("zeta"), 1e-5);
         close(found("natural_hz"), number("fn"), 1e-3);
         assert!(found("damping_ratio") < number("zeta") && found("damping_ratio") > 0.5 * number("zeta"));
-        // The reference took ‖SP‖∞ from a grid of frequencies, which passes a sharp peak by: ours is larger by up to 1.1e-5. A fine scan decides.
+        // The reference took ‖SP‖∞ from a grid of frequencies, which passes a sharp peak by: ours is larger by up to
+        // 1.1e-5. A fine scan decides.
         let decay = (-50.0_f64 * 0.001 / 10.0).exp();
         let through = |i: u32| {
             let z = Complex64::from_polar(1.0, 2.0 * PI * number("fres") * (0.97 + 3e-7 * f64::from(i)) * 0.001);
@@ -50,8 +52,8 @@ fn proportional_control_has_the_peaks_of_the_reference() {
         close(found("disturbance_norm"), number("SPinf"), 2e-5);
         close(found("output_sfm"), number("gamma_x2"), 1e-7);
         assert!(found("spectral_radius") < 1.0 && result["action"] == "proportional" && result["zero_hz"].is_null());
-        // Where the gain in flatness begins: the first of the reference's gains above one. They lie 0.1034 % apart (those of its four cases are
-        // whole steps from each other), and the one before is below.
+        // Where the gain in flatness begins: the first of the reference's gains above one. They lie 0.1034 % apart
+        // (those of its four cases are whole steps from each other), and the one before is below.
         let design = design(band);
         let begins = expected["K_gt1"][0].as_f64().unwrap();
         assert!(design.blsfg(&Compensator::proportional(begins / 1.001_034_6)) < 1.0);
@@ -63,7 +65,8 @@ fn proportional_control_has_the_peaks_of_the_reference() {
     assert!(stable(100_083.3) && !stable(100_083.5) && !stable(-1.0));
 }
 
-/// Local maxima over the gain as many as the reference has, and a gain in flatness from where it begins to the end of its range.
+/// Local maxima over the gain as many as the reference has, and a gain in flatness from where it begins to the end of
+/// its range.
 fn landscape(design: &Design, expected: &Value) {
     let gain = |i: u32| 100.0 * (990.0_f64).powf(f64::from(i) / 3999.0);
     let values: Vec<f64> = (0..4000).map(|i| design.blsfg(&Compensator::proportional(gain(i)))).collect();

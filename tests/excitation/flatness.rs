@@ -85,7 +85,8 @@ fn figure_3_is_reproduced_in_all_three_ways_of_sampling() {
 
 #[test]
 fn the_gain_of_a_whole_spectrum_is_its_leading_coefficient_times_the_ratio_of_powers() {
-    // (13): SFG = b_m² R_xx(0)/R_yy(0), for the loop of K = 9000; and with a zero outside the circle its mirror image counts.
+    // (13): SFG = b_m² R_xx(0)/R_yy(0), for the loop of K = 9000; and with a zero outside the circle its mirror image
+    // counts.
     let golden = golden();
     let sequence = prts(0.001);
     let spectrum = spectrum(&sequence);

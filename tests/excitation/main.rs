@@ -1,4 +1,5 @@
-//! Sequences, flatness and the loop that carries them, against numbers computed independently from Qiu 2021 and by other routes.
+//! Sequences, flatness and the loop that carries them, against numbers computed independently from Qiu 2021 and by
+//! other routes.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod compensator;

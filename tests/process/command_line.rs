@@ -88,7 +88,8 @@ fn run_writes_the_report_and_exits_with_0() {
     assert!(report["provenance"]["wall_time_s"].as_f64().unwrap() > 0.0);
 }
 
-/// One row and one column, written as matrices: the multivariable form, exact recovery of a static gain and an FIR filter.
+/// One row and one column, written as matrices: the multivariable form, exact recovery of a static gain and an FIR
+/// filter.
 #[test]
 fn run_takes_matrices_of_frequency_data() {
     use num_complex::Complex64;
