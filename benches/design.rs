@@ -30,7 +30,8 @@ fn run(samples: usize, target_s: f64, strict: bool) {
     let found = climb(&case.information, &case.limits, &case.start, &settings, &Ctl::new()).unwrap();
     let seconds = begin.elapsed().as_secs_f64();
     println!(
-        "N = {samples}: {:.4} times the information in {seconds:.2} s (target {target_s} s); {} steps, {} programs, {} iterations, {:?}",
+        "N = {samples}: {:.4} times the information in {seconds:.2} s (target {target_s} s); {} steps, {} programs, \
+         {} iterations, {:?}",
         found.factor, found.steps, found.programs, found.iterations, found.stop
     );
     let shares = chapter_five::shares(&case, &found.input);

@@ -60,7 +60,8 @@ fn run(name: &str, step: f64, order: usize, runs: usize) {
     let found = found.unwrap();
     assert_eq!(found.optimum.coefficients.concat(), [0.3, 1.0, 0.2, 0.4]);
     println!(
-        "{name:<30} {:>9} of {:>9} stable: best {:>7.1} ms, median {:>7.1} ms ({:.1} million stable candidates a second)",
+        "{name:<30} {:>9} of {:>9} stable: best {:>7.1} ms, median {:>7.1} ms ({:.1} million stable candidates a \
+         second)",
         found.optimum.pool_size,
         found.listed,
         1e3 * times[0],

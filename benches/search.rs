@@ -82,7 +82,8 @@ fn branch_and_bound(smoke: bool) {
         let found = Listed { cells }.search(&problem, &pool, &ctl).unwrap();
         times.push(begin.elapsed().as_secs_f64());
         println!(
-            "  learned {learned:.2}, noise {noise:.3}: {:>6.2} s, {:>6.2} million bounds, {:>6.2} million evaluated, {:>4} candidates within 1 %",
+            "  learned {learned:.2}, noise {noise:.3}: {:>6.2} s, {:>6.2} million bounds, {:>6.2} million evaluated, \
+             {:>4} candidates within 1 %",
             times[times.len() - 1],
             found.bounded as f64 / 1e6,
             found.evaluated as f64 / 1e6,

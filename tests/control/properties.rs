@@ -64,7 +64,8 @@ proptest! {
     #![proptest_config(from_seed(20_150_401, 400))]
 
     #[test]
-    fn routh_agrees_with_the_roots(roots in roots(1..5, -4.0..1.0, 0.0..6.0), margin in -0.5..1.5_f64, scale in 0.1..10.0_f64) {
+    fn routh_agrees_with_the_roots(roots in roots(1..5, -4.0..1.0, 0.0..6.0), margin in -0.5..1.5_f64,
+            scale in 0.1..10.0_f64) {
         let slowest = roots.iter().map(|r| r.re).fold(f64::NEG_INFINITY, f64::max) + margin;
         prop_assume!(slowest.abs() > 1e-4);
         let p = Polynomial::from_roots(&roots).scale(-scale);
@@ -154,20 +155,23 @@ proptest! {
         let size: f64 = residues.iter().map(|r| r.norm()).sum::<f64>() + system.response(0.0).norm();
         for (k, y) in y.iter().enumerate() {
             let t = period * k as f64;
-            let exact = system.response(0.0) + poles.iter().zip(&residues).map(|(p, r)| r * (p * t).exp()).sum::<Complex64>();
+            let modes = poles.iter().zip(&residues).map(|(p, r)| r * (p * t).exp());
+            let exact = system.response(0.0) + modes.sum::<Complex64>();
             prop_assert!((y - exact.re).abs() < 1e-8 * size, "{} {} at {}", y, exact, k);
         }
     }
 
     #[test]
-    fn tustin_maps_frequencies_by_the_tangent(system in stable_system(), period in 0.01..0.5_f64, fraction in 0.01..0.95_f64) {
+    fn tustin_maps_frequencies_by_the_tangent(system in stable_system(), period in 0.01..0.5_f64,
+            fraction in 0.01..0.95_f64) {
         let time = Discrete::new(period).unwrap();
         let sampled = representable(discretise::tustin(&system, time));
         prop_assume!(sampled.is_some());
         let sampled = sampled.unwrap();
         let omega = fraction * std::f64::consts::PI / period;
         let warped = 2.0 / period * (omega * period / 2.0).tan();
-        let size = term_sum(system.num(), Complex64::new(0.0, warped)) / system.den().eval(Complex64::new(0.0, warped)).norm();
+        let s = Complex64::new(0.0, warped);
+        let size = term_sum(system.num(), s) / system.den().eval(s).norm();
         prop_assert!((sampled.response(omega) - system.response(warped)).norm() < 1e-6 * size);
     }
 
@@ -222,7 +226,8 @@ proptest! {
             (closed.disturbance_to_output_transfer_function().unwrap(), closed.disturbance_to_output(omega)),
             (closed.disturbance_to_control_transfer_function().unwrap(), closed.sensitivity(omega) - 1.0),
         ] {
-            let tolerance = 1e-11 * term_sum(system.num(), s) / system.den().eval(s).norm() + 1e-9 * (1.0 + value.norm());
+            let rounding = 1e-11 * term_sum(system.num(), s) / system.den().eval(s).norm();
+            let tolerance = rounding + 1e-9 * (1.0 + value.norm());
             prop_assert!((system.eval(s) - value).norm() <= tolerance);
         }
         // The poles are the roots of the characteristic polynomial.

@@ -117,7 +117,8 @@ fn limited_compensators_are_those_of_another_search() {
     for (i, expected) in golden["answers"].as_array().unwrap().iter().enumerate() {
         let number = |name: &str| expected[name].as_f64().unwrap();
         let signal = json!({
-            "generator": {"kind": "prts", "order": 5, "chip_s": 0.2, "amplitude": 0.02}, "sample_time_s": number("sample_time_s")
+            "generator": {"kind": "prts", "order": 5, "chip_s": 0.2, "amplitude": 0.02},
+            "sample_time_s": number("sample_time_s")
         });
         let ask = |mut spec: Value| {
             spec["structure"] = json!("lead");

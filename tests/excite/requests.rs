@@ -56,7 +56,8 @@ fn what_the_device_did_is_judged_from_the_trial() {
     let y: Vec<f64> = carried.output.iter().zip(&noise).map(|(y, e)| y + 0.01 * e).collect();
     let trial = json!({"sample_time_s": 0.01, "r": sequence.values, "u": carried.effort, "y": y});
     let signal = json!({
-        "trial": trial, "channel": "r", "to": "y", "start_s": 16, "generator": {"kind": "prts", "order": 4, "chip_s": 0.2}
+        "trial": trial, "channel": "r", "to": "y", "start_s": 16,
+        "generator": {"kind": "prts", "order": 4, "chip_s": 0.2}
     });
     let report = run("excitation_quality", json!({"signal": signal}), json!({"band_hz": [4]})).unwrap();
     let result = &report.result;
@@ -283,7 +284,8 @@ fn impossible_requests_are_named() {
 fn it_stops_when_asked_and_repeats_to_the_byte() {
     let request = Request {
         kind: "compensator_design".to_owned(),
-        inputs: json!({"plant": DRIVE(), "signal": {"generator": {"kind": "prts", "order": 3, "chip_s": 0.2, "seed": 8}, "sample_time_s": 0.005}}),
+        inputs: json!({"plant": DRIVE(), "signal": {
+            "generator": {"kind": "prts", "order": 3, "chip_s": 0.2, "seed": 8}, "sample_time_s": 0.005}}),
         spec: json!({"structure": "lead", "band_hz": 5}),
     };
     let plan = Plan::parse(&request).unwrap();
@@ -307,7 +309,8 @@ fn every_kind_stops_when_asked_and_counts_to_its_end() {
     let start =
         json!({"generator": {"kind": "prbs", "order": 4, "chip_s": 0.4}, "sample_time_s": 0.2, "duration_s": 12});
     let short = json!({
-        "experiment": {"duration_s": 6, "sample_time_s": 0.06}, "draws": 2, "fresh_draws": 4, "max_iterations": 2, "rounds": 1, "seed": 6
+        "experiment": {"duration_s": 6, "sample_time_s": 0.06}, "draws": 2, "fresh_draws": 4, "max_iterations": 2,
+        "rounds": 1, "seed": 6
     });
     let cases = [
         ("excitation_quality", json!({"signal": signal}), json!({"band_hz": [2]}), 8),
@@ -320,7 +323,8 @@ fn every_kind_stops_when_asked_and_counts_to_its_end() {
         (
             "input_design",
             json!({"model": oscillator, "starts": [start]}),
-            json!({"samples": 60, "sample_time_s": 0.2, "noise_covariance": [[1e-4]], "limits": {"input": 2}, "max_steps": 9, "monte_carlo": {"replicates": 10, "seed": 7}}),
+            json!({"samples": 60, "sample_time_s": 0.2, "noise_covariance": [[1e-4]], "limits": {"input": 2},
+                "max_steps": 9, "monte_carlo": {"replicates": 10, "seed": 7}}),
             7,
         ),
         ("robust_input_design", json!({"axis": "axial_rotation"}), short, 6),
@@ -344,7 +348,8 @@ fn every_kind_stops_when_asked_and_counts_to_its_end() {
 #[test]
 fn long_searches_stop_on_their_way() {
     let wobble = json!({"model": {"name": "seated_balance", "initial": [0.01, 0, 0, 0]}, "starts": [
-        {"generator": {"kind": "prbs", "order": 6, "chip_s": 0.5, "amplitude": 6}, "sample_time_s": 0.1, "duration_s": 120}]});
+        {"generator": {"kind": "prbs", "order": 6, "chip_s": 0.5, "amplitude": 6}, "sample_time_s": 0.1,
+         "duration_s": 120}]});
     let cases = [
         (
             "compensator_design",
@@ -355,7 +360,8 @@ fn long_searches_stop_on_their_way() {
             "input_design",
             wobble,
             json!({"samples": 1200, "sample_time_s": 0.1, "scale_to_fit": true, "max_steps": 2000, "tolerance": 1e-9,
-                "limits": {"input": 20, "outputs": {"lower_angle": 0.192, "upper_angle": 0.078}, "autocorrelation": {}}}),
+                "limits": {"input": 20, "outputs": {"lower_angle": 0.192, "upper_angle": 0.078},
+                           "autocorrelation": {}}}),
         ),
         ("robust_input_design", json!({"axis": "flexion_extension"}), json!({"draws": 500, "max_iterations": 100})),
     ];

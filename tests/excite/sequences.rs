@@ -14,9 +14,8 @@ fn the_primitive_polynomials_and_the_sequence_are_those_of_the_reference() {
     let ctl = Ctl::new();
     let found: Vec<Vec<u8>> = (0..22).map(|i| Base::Three.primitive(5, i, &ctl).unwrap().unwrap()).collect();
     assert_eq!(found, golden.primitive);
-    let chips = made(
-        json!({"generator": {"kind": "prts", "order": 5, "chip_s": 0.2, "polynomial": golden.sequence_c}, "sample_time_s": 0.2}),
-    );
+    let chips = made(json!({"generator": {"kind": "prts", "order": 5, "chip_s": 0.2, "polynomial": golden.sequence_c},
+            "sample_time_s": 0.2}));
     assert_eq!(chips.values, golden.sequence);
     let prbs = made(json!({
         "generator": {"kind": "prbs", "order": 6, "chip_s": 0.5, "amplitude": 6, "polynomial": [1, 1, 0, 0, 0, 0]},
@@ -166,18 +165,21 @@ fn chirps_and_noise_are_what_they_say() {
     assert_eq!(chirp.values, volition::simulate::reference_signals::chirp60(0.02));
     // 2 sin(π t²/120) is at t/120 Hz.
     let general = made(json!({
-        "generator": {"kind": "chirp", "from_hz": 0, "to_hz": 0.5, "duration_s": 60, "amplitude": 2}, "sample_time_s": 0.02
+        "generator": {"kind": "chirp", "from_hz": 0, "to_hz": 0.5, "duration_s": 60, "amplitude": 2},
+        "sample_time_s": 0.02
     }));
     assert!(general.values.iter().zip(&chirp.values).all(|(a, b)| (a - b).abs() < 1e-10));
     let sweep = made(json!({
-        "generator": {"kind": "chirp", "from_hz": 0.1, "to_hz": 10, "duration_s": 20, "sweep": "logarithmic"}, "sample_time_s": 0.001
+        "generator": {"kind": "chirp", "from_hz": 0.1, "to_hz": 10, "duration_s": 20, "sweep": "logarithmic"},
+        "sample_time_s": 0.001
     }));
     // Zero crossings near the middle are half a period of 1 Hz apart.
     let crossings: Vec<usize> =
         (9_000..11_000).filter(|k| sweep.values[*k] < 0.0 && sweep.values[k + 1] >= 0.0).collect();
     assert!((1000.0 / (crossings[1] - crossings[0]) as f64 - 1.0).abs() < 0.25, "{crossings:?}");
 
-    let noise = json!({"kind": "filtered_noise", "edge_hz": 1, "duration_s": 1000, "limit": null, "taper": 0, "rms": 0.3, "seed": 5});
+    let noise = json!({"kind": "filtered_noise", "edge_hz": 1, "duration_s": 1000, "limit": null, "taper": 0,
+        "rms": 0.3, "seed": 5});
     let plain = made(json!({"generator": noise, "sample_time_s": 0.02}));
     let rms = (plain.values.iter().map(|x| x * x).sum::<f64>() / 50_000.0).sqrt();
     assert!((rms / 0.3 - 1.0).abs() < 0.05, "{rms}");
@@ -185,7 +187,8 @@ fn chirps_and_noise_are_what_they_say() {
     let share = |from: usize, to: usize| (from..to).map(|n| whole.share(n)).sum::<f64>();
     assert!(share(1_500, 25_000) < 1e-3 * share(1, 1_500), "40 dB down from 1.5 Hz on");
     let shown = made(json!({
-        "generator": {"kind": "filtered_noise", "edge_hz": 1, "duration_s": 60, "screen": {"width_m": 2, "distance_m": 3}, "seed": 5},
+        "generator": {"kind": "filtered_noise", "edge_hz": 1, "duration_s": 60,
+                      "screen": {"width_m": 2, "distance_m": 3}, "seed": 5},
         "sample_time_s": 0.02
     }));
     let most = (2.0_f64 * 0.5).atan2(3.0);

@@ -134,13 +134,15 @@ fn every_pair_of_delays_has_the_optimum_of_a_slow_search() {
         (
             continuous(&[2.0], &[1.0, 0.5]),
             [continuous(&[0.9, 0.4], &[1.0, 2.0]), continuous(&[3.0], &[1.0, 1.5])],
-            json!({"grid": {"feedforward_denominator": [axis(0.5, 4.0, 0.5)], "feedback_numerator": [axis(0.5, 8.0, 0.5)],
+            json!({"grid": {"feedforward_denominator": [axis(0.5, 4.0, 0.5)],
+                            "feedback_numerator": [axis(0.5, 8.0, 0.5)],
                             "feedback_denominator": [axis(0.5, 4.0, 0.5)]}, "stability_margin": 0.05}),
         ),
         (
             sampled(&[0.15], &[1.0, -0.92]),
             [sampled(&[2.0, -1.0], &[1.0, -0.4]), sampled(&[0.9, 0.0], &[1.0, -0.5])],
-            json!({"grid": {"feedforward_denominator": [axis(-0.8, 0.4, 0.2)], "feedback_numerator": [axis(0.3, 3.0, 0.3), [0.0]],
+            json!({"grid": {"feedforward_denominator": [axis(-0.8, 0.4, 0.2)],
+                            "feedback_numerator": [axis(0.3, 3.0, 0.3), [0.0]],
                             "feedback_denominator": [axis(-0.9, 0.3, 0.2)]}, "stability_margin": 0.05}),
         ),
     ];
@@ -208,7 +210,8 @@ fn what_the_delay_makes_unstable_is_passed_over_or_said() {
     let none = Pair { feedback_s: 0.0, feedforward_s: 0.0 };
     let data = data(&plant, [&gain(0.5), &gain(12.0)], none, 0.0, 1);
     for (step, from) in [(0.001, 4.9), (4.0, 1.0)] {
-        let pool = json!({"grid": {"feedback_numerator": [{"from": from, "to": 13.0, "step": step}]}, "stability_margin": 0.0});
+        let pool = json!({"grid": {"feedback_numerator": [{"from": from, "to": 13.0, "step": step}]},
+            "stability_margin": 0.0});
         let settings = settings(pool, 0);
         let pair = Pair { feedback_s: 0.3, feedforward_s: 0.3 };
         let found = search_with_delays(&plant, &data, &settings, &[pair], &Exhaustive, &Ctl::new()).unwrap().remove(0);

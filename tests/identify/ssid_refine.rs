@@ -39,7 +39,8 @@ fn the_refined_costs_of_chapter_3_are_reached_or_passed() {
         let setup = Setup { problem: &problem, plant: &plant, structure, margin_per_s: 0.1 };
         let refined = Refinement::new(setup, &start, &Ctl::new()).unwrap().refined().unwrap();
         eprintln!(
-            "{what}: pool {:.6e}, refined {:.6e} (reference {:.6e}), {:?}, cosine {:.1e}, {} steps, {} evaluations, active {:?}",
+            "{what}: pool {:.6e}, refined {:.6e} (reference {:.6e}), {:?}, cosine {:.1e}, {} steps, {} evaluations, \
+             active {:?}",
             number("J"),
             refined.cost,
             number("J_refined"),

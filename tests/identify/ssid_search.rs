@@ -337,7 +337,10 @@ fn branch_and_bound_agrees_on_thinned_published_pools() {
     let omega: Vec<f64> = (0..13).map(|k| 2.0 * std::f64::consts::PI * (0.1 + 0.025 * f64::from(k))).collect();
     let mut rng = volition::num::rng::stream(3, "branch and bound");
     let mut draw = || rng.random::<f64>();
-    let appendix = |name: &str, thin: [usize; 4]| json!({"name": name, "thin": {"poles": thin[0], "zeros": thin[1], "damping": thin[2], "gains": thin[3]}});
+    let appendix = |name: &str, thin: [usize; 4]| {
+        let [poles, zeros, damping, gains] = thin;
+        json!({"name": name, "thin": {"poles": poles, "zeros": zeros, "damping": damping, "gains": gains}})
+    };
     for (plant, pool, order, trials) in [
         (catalogue::two_mass(), appendix("zhang2015_appendix_b", [14, 12, 4, 4]), None, 30),
         (catalogue::nonminimum_phase(), appendix("zhang2015_appendix_c", [16, 16, 6, 4]), Some(6), 30),

@@ -291,7 +291,8 @@ fn held_out_variance_accounted_for() {
         // the type, twice as many as the halves have.
         let [at_lines, known, left_out] = limits[plant];
         eprintln!(
-            "{plant:11} ceilings: at the lines {at_lines:.3?}, by type {known:.3?}, by type from the others {left_out:.3?}"
+            "{plant:11} ceilings: at the lines {at_lines:.3?}, by type {known:.3?}, by type from the others \
+             {left_out:.3?}"
         );
         assert!((0..2).all(|j| ours[j] < known[j] && left_out[j] < known[j] && known[j] < at_lines[j]));
         assert!((0..2).all(|j| ours[j] > known[j] - 0.05));

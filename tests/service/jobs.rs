@@ -97,7 +97,8 @@ proptest! {
             prop_assert!(job.status != Status::Cancelled || job.cancel_requested);
             prop_assert!(job.status != Status::Queued || !job.cancel_requested);
             // What has run has been attempted.
-            prop_assert!(job.attempts > 0 || !matches!(job.status, Status::Running | Status::Succeeded | Status::Failed));
+            let was_claimed = matches!(job.status, Status::Running | Status::Succeeded | Status::Failed);
+            prop_assert!(job.attempts > 0 || !was_claimed);
             // No crash loop: every death counts, and the third is the last.
             prop_assert!(deaths_since_release <= 3);
             prop_assert!(job.attempts <= 3);
@@ -115,7 +116,8 @@ proptest! {
     }
 
     #[test]
-    fn a_steady_rate_gives_the_exact_time_left(rate in 1..10_000_u64, seconds in 1..1000_u64, rest in 0..1_000_000_u64) {
+    fn a_steady_rate_gives_the_exact_time_left(rate in 1..10_000_u64, seconds in 1..1000_u64,
+            rest in 0..1_000_000_u64) {
         let done = rate * seconds;
         let mut eta = EtaEstimator::begin(5_000_000);
         eta.observe(5_000_000 + seconds as i64 * 1_000_000, Progress { done, total: done + rest });
@@ -124,7 +126,9 @@ proptest! {
     }
 
     #[test]
-    fn an_eta_is_never_nonsense(observations in prop::collection::vec((any::<i64>(), any::<u64>(), any::<u64>()), 0..20)) {
+    fn an_eta_is_never_nonsense(
+        observations in prop::collection::vec((any::<i64>(), any::<u64>(), any::<u64>()), 0..20),
+    ) {
         let mut eta = EtaEstimator::begin(0);
         for (at, done, total) in observations {
             eta.observe(at, Progress { done, total });

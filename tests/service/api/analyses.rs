@@ -80,9 +80,11 @@ async fn several_inputs_and_outputs_come_with_the_request() {
     let gains = json!([{"from": 0.0, "to": 0.4, "step": 0.1}]);
     let request = json!({"kind": "ssid",
         "inputs": {
-            "plant": {"a": [[0.5, 0], [0, -0.4]], "b": [[1, 0], [0, 1]], "c": [[1, 0], [0, 1]], "d": [[0, 0], [0, 0]], "sample_time_s": 1},
+            "plant": {"a": [[0.5, 0], [0, -0.4]], "b": [[1, 0], [0, 1]], "c": [[1, 0], [0, 1]], "d": [[0, 0], [0, 0]],
+                      "sample_time_s": 1},
             "frequency_response": {"omega_rad_s": omega, "h": h}},
-        "spec": {"pool": {"matrix_grid": {"feedback_numerator": [[gains, [[0]]], [[[0]], gains]]}}, "feedforward_order": 0}});
+        "spec": {"pool": {"matrix_grid": {"feedback_numerator": [[gains, [[0]]], [[[0]], gains]]}},
+                 "feedforward_order": 0}});
     let queued = server.post("/v1/analyses", &request).await;
     let path = queued.header("location").to_owned();
     let analysis = queued.json(202);
@@ -200,7 +202,8 @@ async fn data_can_come_with_the_request() {
     let server = TestServer::start().await;
     let numbers = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..64).map(|i| f(f64::from(i) * 0.1)).collect() };
     let trial = json!({
-        "sample_time_s": 0.1, "r": numbers(&|t| (3.0 * t).sin()), "u": numbers(&|t| t.cos()), "y": numbers(&|t| (3.0 * t - 0.2).sin())
+        "sample_time_s": 0.1, "r": numbers(&|t| (3.0 * t).sin()), "u": numbers(&|t| t.cos()),
+        "y": numbers(&|t| (3.0 * t - 0.2).sin())
     });
     let body = json!({"kind": "frequency_response", "inputs": {"trial": trial}});
     let queued = server.post("/v1/analyses", &body).await.json(202);

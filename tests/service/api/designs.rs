@@ -13,7 +13,8 @@ fn request() -> Value {
         "inputs": {"model": {"name": "seated_balance", "initial": [0.01, 0, 0, 0]}, "starts": [prbs(100)]},
         "spec": {"samples": 100, "sample_time_s": 0.1, "criterion": "t", "scale_to_fit": true, "max_steps": 5,
                  "limits": {"input": 20, "outputs": {"lower_angle": 0.192, "upper_angle": 0.078, "torque": 60},
-                            "differences": [{"of": ["upper_angle", "lower_angle"], "limit": 0.252}], "autocorrelation": {}}}
+                            "differences": [{"of": ["upper_angle", "lower_angle"], "limit": 0.252}],
+                            "autocorrelation": {}}}
     })
 }
 
@@ -55,7 +56,8 @@ async fn an_experiment_for_the_worst_subject() {
     let server = TestServer::start().await;
     let request = json!({
         "kind": "robust_input_design", "inputs": {"axis": "axial_rotation"},
-        "spec": {"experiment": {"duration_s": 6, "sample_time_s": 0.06}, "draws": 2, "fresh_draws": 8, "max_iterations": 3, "rounds": 1}
+        "spec": {"experiment": {"duration_s": 6, "sample_time_s": 0.06}, "draws": 2, "fresh_draws": 8,
+                 "max_iterations": 3, "rounds": 1}
     });
     let queued = server.post("/v1/analyses", &request).await;
     let path = queued.header("location").to_owned();
@@ -66,7 +68,8 @@ async fn an_experiment_for_the_worst_subject() {
     let worst = |design: &str| report["result"][design]["worst_cost"].as_f64().unwrap();
     assert!(worst("robust") <= worst("nominal"));
     assert!(!report["result"]["assumptions"].as_array().unwrap().is_empty());
-    let nonsense = json!({"kind": "robust_input_design", "inputs": {"axis": "axial_rotation"}, "spec": {"experiment": {"edge_hz": [1, 40]}}});
+    let nonsense = json!({"kind": "robust_input_design", "inputs": {"axis": "axial_rotation"},
+        "spec": {"experiment": {"edge_hz": [1, 40]}}});
     let problem = server.post("/v1/analyses", &nonsense).await.problem(422, "invalid");
     assert_eq!(problem["where"], "/spec/experiment/edge_hz");
     server.finish().await;

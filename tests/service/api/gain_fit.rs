@@ -143,7 +143,8 @@ async fn trials_go_in_and_the_cost_used_comes_out_with_an_interval_that_covers_i
     // The same question by hand, with the gain's covariance at hand for a fit.
     let inverse = json!({
         "kind": "inverse_lqr", "inputs": result["inverse_lqr_inputs"],
-        "spec": {"state_weight": "diagonal", "fit": {"gain_covariance": result["k_covariance"], "condition_numbers": [1e5]}}
+        "spec": {"state_weight": "diagonal",
+                 "fit": {"gain_covariance": result["k_covariance"], "condition_numbers": [1e5]}}
     });
     let inverted = report(&server, &inverse).await;
     assert_eq!(inverted["result"]["verdict"], "feasible");
@@ -202,7 +203,9 @@ async fn stored_trials_are_fitted_on_the_plant_they_were_recorded_on() {
 async fn nonsense_is_a_problem_that_names_its_place() {
     let server = TestServer::start().await;
     let (trials, _) = people(1, 23);
-    let request = |plant: Value, spec: Value| json!({"kind": "gain_fit", "inputs": {"plant": plant, "trials": trials}, "spec": spec});
+    let request = |plant: Value, spec: Value| -> Value {
+        json!({"kind": "gain_fit", "inputs": {"plant": plant, "trials": trials}, "spec": spec})
+    };
     let seated = json!({"name": "seated_balance"});
     for (request, place, words) in [
         (request(json!({"a": [[1, 2]], "b": [[1]]}), json!({})), "/inputs/plant/a", "A is 1x2 and must be square"),

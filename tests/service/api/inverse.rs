@@ -39,7 +39,8 @@ async fn gains_go_in_and_the_cost_comes_out() {
 async fn infeasible_is_a_result_and_nonsense_a_problem() {
     let server = TestServer::start().await;
     let request = json!({
-        "kind": "inverse_lqr", "inputs": {"a": [[1]], "b": [[1]], "k": [[1.5]]}, "spec": {"fit": {"condition_numbers": [100]}}
+        "kind": "inverse_lqr", "inputs": {"a": [[1]], "b": [[1]], "k": [[1.5]]},
+        "spec": {"fit": {"condition_numbers": [100]}}
     });
     let queued = server.post("/v1/analyses", &request).await;
     let path = queued.header("location").to_owned();

@@ -25,7 +25,8 @@ async fn a_client_that_keeps_sending_a_gibibyte_gets_its_problem() {
     for head in ["Content-Length: 1073741824", "Transfer-Encoding: chunked"] {
         let mut stream = TcpStream::connect(server.address).await.unwrap();
         let request = format!(
-            "POST /v1/subjects/{}/trials?plant={} HTTP/1.1\r\nHost: localhost\r\nContent-Type: text/csv\r\n{head}\r\n\r\n",
+            "POST /v1/subjects/{}/trials?plant={} HTTP/1.1\r\nHost: localhost\r\n\
+             Content-Type: text/csv\r\n{head}\r\n\r\n",
             lab.subject, lab.plant
         );
         stream.write_all(request.as_bytes()).await.unwrap();

@@ -9,7 +9,8 @@ async fn plants_come_as_transfer_functions_and_as_matrices() {
     let models = [
         json!({"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}),
         json!({"num": [0.1, 0.2], "den": [1.0, -0.5], "sample_time_s": 0.02}),
-        json!({"a": [[0.0, 1.0], [-4.0, -3.6]], "b": [[0.0], [1.0]], "c": [[4.4, 2.0]], "d": [[0.0]], "sample_time_s": null}),
+        json!({"a": [[0.0, 1.0], [-4.0, -3.6]], "b": [[0.0], [1.0]], "c": [[4.4, 2.0]], "d": [[0.0]],
+            "sample_time_s": null}),
     ];
     for (i, model) in models.iter().enumerate() {
         let made = server.post(&path, &json!({"name": format!("plant {i}"), "model": model})).await;

@@ -41,7 +41,8 @@ fn long_search() -> Value {
     let axis = json!([{"from": 0.01, "to": 10, "step": 0.005}]);
     json!({"kind": "ssid",
            "inputs": {"plant": {"num": [4], "den": [1, 2]}, "frequency_response": {"omega_rad_s": omega, "h": h}},
-           "spec": {"pool": {"grid": {"feedforward_denominator": axis, "feedback_numerator": axis, "feedback_denominator": axis}},
+           "spec": {"pool": {"grid": {"feedforward_denominator": axis, "feedback_numerator": axis,
+                             "feedback_denominator": axis}},
                     "search": "exhaustive", "max_candidates": 100_000_000_000_u64}})
 }
 
@@ -112,9 +113,12 @@ async fn an_identification_is_refined_and_simulated_on_a_trial_held_out() {
         let query = format!("&number={number}&sample_time_s=0.05");
         trials.push(server.upload_csv(&lab, &query, simulated(number)).await.id(201));
     }
-    let spec = json!({"pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 16, "zeros": 16, "damping": 4, "gains": 10}},
+    let spec = json!({"pool": {"name": "zhang2015_appendix_c",
+                               "thin": {"poles": 16, "zeros": 16, "damping": 4, "gains": 10}},
                       "delay": {"feedback_s": [0.0, 0.1, 0.2]}});
-    let request = |held_out: &[String]| json!({"kind": "ssid", "inputs": {"trial": trials[0], "validate_on": held_out}, "spec": spec});
+    let request = |held_out: &[String]| -> Value {
+        json!({"kind": "ssid", "inputs": {"trial": trials[0], "validate_on": held_out}, "spec": spec})
+    };
     let body = report(&server, &request(&trials[1..])).await;
     let (result, refined) = (&body["result"], &body["result"]["refined"]);
     assert!(refined["cost"].as_f64().unwrap() <= result["cost"].as_f64().unwrap(), "{refined}");
@@ -158,7 +162,8 @@ async fn structures_and_delays_are_judged_by_trials_left_out() {
         let query = format!("&number={number}&sample_time_s=0.05");
         trials.push(server.upload_csv(&lab, &query, simulated(number)).await.id(201));
     }
-    let spec = json!({"pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 16, "zeros": 16, "damping": 4, "gains": 10}},
+    let spec = json!({"pool": {"name": "zhang2015_appendix_c",
+                               "thin": {"poles": 16, "zeros": 16, "damping": 4, "gains": 10}},
                       "structures": [{"feedforward_denominator_degree": 2}, {"feedforward_denominator_degree": 4}],
                       "delay": {"feedback_s": [0.0, 0.1, 0.2], "search": true}});
     let request = json!({"kind": "ssid", "inputs": {"trials": trials[..3], "validate_on": trials[3..]}, "spec": spec});

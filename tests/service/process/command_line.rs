@@ -109,7 +109,8 @@ fn run_takes_matrices_of_frequency_data() {
             "plant": {"transfer_functions": [[{"num": [0.4], "den": [1.0, -0.9]}]], "sample_time_s": 1.0},
             "frequency_response": {"omega_rad_s": omega, "h": h}
         },
-        "spec": {"pool": {"matrix_grid": {"feedback_numerator": [[[{"from": -1, "to": 1, "step": 0.1}]]]}}, "feedforward_order": 1}
+        "spec": {"pool": {"matrix_grid": {"feedback_numerator": [[[{"from": -1, "to": 1, "step": 0.1}]]]}},
+                 "feedforward_order": 1}
     });
     let output = run(&document.to_string());
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));

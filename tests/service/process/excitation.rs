@@ -22,7 +22,8 @@ fn every_kind_of_design_runs_without_a_server() {
         json!({"generator": {"kind": "prbs", "order": 4, "chip_s": 0.4}, "sample_time_s": 0.2, "duration_s": 12});
     let documents = [
         (
-            json!({"kind": "excitation_quality", "inputs": {"signal": signal}, "spec": {"band_hz": [2], "include_samples": true}}),
+            json!({"kind": "excitation_quality", "inputs": {"signal": signal},
+                   "spec": {"band_hz": [2], "include_samples": true}}),
             Some(("t,signal", 521)),
             json!({"inputs": {"signal": {"generator": {"order": 0}}}}),
             "/inputs/signal/generator/order",
@@ -43,7 +44,8 @@ fn every_kind_of_design_runs_without_a_server() {
         ),
         (
             json!({"kind": "robust_input_design", "inputs": {"axis": "axial_rotation"}, "spec": {
-                "experiment": {"duration_s": 6, "sample_time_s": 0.06}, "draws": 2, "fresh_draws": 4, "max_iterations": 2, "rounds": 1}}),
+                "experiment": {"duration_s": 6, "sample_time_s": 0.06}, "draws": 2, "fresh_draws": 4,
+                "max_iterations": 2, "rounds": 1}}),
             Some(("t,signal,nominal", 101)),
             json!({"spec": {"experiment": {"edge_hz": [1, 40]}}}),
             "/spec/experiment/edge_hz",

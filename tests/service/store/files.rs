@@ -253,7 +253,8 @@ async fn damage_is_noticed_and_named() {
     // A whole, valid column in another's place: only the content hash can tell.
     sqlx::query(
         "UPDATE trial_signals SET (data, sha256, samples) =
-           (SELECT data, sha256, samples FROM trial_signals s WHERE s.trial_id = trial_signals.trial_id AND s.channel = 'r')
+           (SELECT data, sha256, samples FROM trial_signals s
+            WHERE s.trial_id = trial_signals.trial_id AND s.channel = 'r')
          WHERE trial_id = $1 AND channel = 'y'",
     )
     .bind(id(1).to_string())

@@ -98,7 +98,8 @@ async fn models_come_back_bit_for_bit() {
     let bench = Bench::new().await;
     let study = bench.study().await;
     let model: Model = serde_json::from_value(json!({
-        "a": [[0.1, 1.0 / 3.0], [-5e-324, 1e308]], "b": [[0.0], [1.0]], "c": [[1.0, 0.0]], "d": [[0.0]], "sample_time_s": 0.02
+        "a": [[0.1, 1.0 / 3.0], [-5e-324, 1e308]], "b": [[0.0], [1.0]], "c": [[1.0, 0.0]], "d": [[0.0]],
+        "sample_time_s": 0.02
     }))
     .unwrap();
     let new = NewPlant { name: "odd numbers".into(), model: model.clone() };

@@ -47,7 +47,8 @@ proptest! {
     /// Through the database and back, to the bit.
     #[test]
     fn any_finite_signals_round_trip(words in prop::collection::vec(any::<u64>(), 2..200)) {
-        let column: Vec<f64> = words.iter().map(|w| f64::from_bits(*w)).map(|x| if x.is_finite() { x } else { -0.0 }).collect();
+        let finite = |x: f64| if x.is_finite() { x } else { -0.0 };
+        let column: Vec<f64> = words.iter().map(|w| finite(f64::from_bits(*w))).collect();
         let reversed: Vec<f64> = column.iter().rev().copied().collect();
         let signals = Signals {
             time_s: None, command: column.clone(), control: reversed, output: column.clone(), disturbance: Some(column),
