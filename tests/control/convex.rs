@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use rand::{Rng, RngExt};
-use volition::convex::conic::{Affine, Outcome, Program};
+use volition::convex::conic::{Affine, ConicError, Outcome, Program};
 use volition::convex::lmi::{self, Block, LmiError, Problem, Status};
 use volition::ctl::{Ctl, StopReason};
 use volition::num::rng;
@@ -115,7 +115,8 @@ fn equalities_inequalities_and_norms() {
     program.nonnegative(Affine { constant: -3.0, terms: vec![(0, 1.0)] });
     program.nonnegative(Affine::unknown(1));
     assert_eq!(program.solve(&Ctl::new()).unwrap().outcome, Outcome::Infeasible);
-    assert!(Program::new(1).nonnegative(Affine::constant(f64::NAN)).solve(&Ctl::new()).is_err());
+    let nan = Program::new(1).nonnegative(Affine::constant(f64::NAN)).solve(&Ctl::new()).unwrap_err();
+    assert!(matches!(nan, ConicError::NotFinite), "{nan}");
 }
 
 #[test]

@@ -6,6 +6,7 @@ use rand::{Rng, RngExt};
 use volition::control::lqg::{kalman, lqg_closed_loop, lqr};
 use volition::control::lyapunov::{Clock, LinearEquationError, Lyapunov, sylvester};
 use volition::control::riccati::{Riccati, RiccatiError, doubling, sign_function};
+use volition::control::state_space::StateSpaceError;
 use volition::control::stochastic::{sample_cost, sample_noise};
 use volition::control::structural::{self, StructuralError};
 use volition::control::{Continuous, Discrete, StateSpace};
@@ -165,7 +166,8 @@ fn structural_tests_see_what_is_missed() {
     assert!(structural::check_controllable(&chain, &last).is_ok());
     assert!(matches!(structural::check_controllable(&chain, &first), Err(StructuralError::NotControllable(_))));
     assert!(structural::check_detectable(&chain, &first.transpose(), Clock::Continuous).is_ok());
-    assert!(structural::check_detectable(&chain, &last.transpose(), Clock::Continuous).is_err());
+    let unseen = structural::check_detectable(&chain, &last.transpose(), Clock::Continuous);
+    assert!(matches!(unseen, Err(StructuralError::NotDetectable(_))), "{unseen:?}");
     // The units of the input do not matter.
     assert!(structural::check_controllable(&chain, &(last * 1e-200)).is_ok());
     // A stable mode that nothing reaches is no obstacle to stabilisation.
@@ -190,7 +192,8 @@ fn the_lqg_loop_has_the_poles_of_regulator_and_filter() {
     poles.sort_by(order);
     expected.sort_by(order);
     assert!(poles.iter().zip(&expected).all(|(p, e)| (p - e).norm() < 1e-9), "{poles:?} {expected:?}");
-    assert!(lqg_closed_loop(&plant, &filter.l, &filter.l).is_err());
+    let misfit = lqg_closed_loop(&plant, &filter.l, &filter.l);
+    assert!(matches!(misfit, Err(StateSpaceError::Size { matrix: "K", .. })), "{misfit:?}");
 }
 
 #[test]

@@ -10,8 +10,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Barrier, Mutex};
 use std::time::{Duration, SystemTime};
 use volition::control::{Continuous, System, TransferFunction};
-use volition::ctl::{Ctl, StopReason};
-use volition::identify::pool::{Degrees, PoolSpec, Recipe};
+use volition::ctl::{Ctl, StopReason, Stopped};
+use volition::identify::pool::{Degrees, PoolError, PoolSpec, Recipe};
 use volition::identify::problem::{Lines, Problem};
 use volition::identify::search::shelf::{Reading, Writing};
 use volition::identify::search::{Automatic, Key, Method, Optimum, Origins, Search, Shared, Shelf, Tally};
@@ -182,9 +182,10 @@ fn a_search_that_is_stopped_keeps_nothing_and_says_so() {
     let search = Automatic { method: Method::BranchAndBound, shared: &shared };
     let ctl = Ctl::new();
     ctl.stop(StopReason::Shutdown);
-    assert!(search.pool(&case.recipe, &case.plant, &ctl).is_err());
+    let stopped = Stopped(StopReason::Shutdown);
+    assert_eq!(search.pool(&case.recipe, &case.plant, &ctl).unwrap_err(), PoolError::Stopped(stopped));
     let pool = search.pool(&case.recipe, &case.plant, &Ctl::new()).unwrap();
-    assert!(search.search(&case.problems[0], &pool, &ctl).is_err());
+    assert_eq!(search.search(&case.problems[0], &pool, &ctl).unwrap_err(), stopped);
     assert_eq!(shared.tally().trees, Origins::default());
     assert!(memory.kept.lock().unwrap().values().all(|saved| saved.len() == 1));
 }
@@ -349,7 +350,8 @@ fn no_bytes_make_the_reader_panic() {
             let shared = Shared::with_shelf(Arc::<Stopping>::clone(&stopping));
             let search = Automatic { method: Method::BranchAndBound, shared: &shared };
             let pool = search.pool(&case.recipe, &case.plant, &ctl).unwrap();
-            assert!(search.search(&case.problems[0], &pool, &ctl).is_err());
+            let stopped = search.search(&case.problems[0], &pool, &ctl).unwrap_err();
+            assert_eq!(stopped, Stopped(StopReason::Cancelled));
             refused += stopping.refused.load(Ordering::SeqCst);
         }
         assert!(refused > 10, "{refused} of 60 were refused");

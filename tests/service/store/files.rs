@@ -69,7 +69,7 @@ async fn everything_is_there_after_a_restart() {
     assert_eq!(store.analysis(analysis.id).await.unwrap().status, Status::Succeeded);
     assert_eq!(store.report_json(analysis.id).await.unwrap(), text);
     store.close().await;
-    assert!(store.ping().await.is_err());
+    assert!(matches!(store.ping().await, Err(StoreError::Database(sqlx::Error::PoolClosed))));
 }
 
 #[tokio::test]
