@@ -6,15 +6,17 @@ use std::fs;
 use std::path::Path;
 
 const FILES: &[(&str, &str)] = &[
-    ("lib.rs", "pub mod low;\npub mod high;\nmod macros;"),
+    ("lib.rs", "pub mod low;\npub mod high;\nmod kinds;\nmod macros;"),
     ("low/mod.rs", "mod inner;\npub mod leaf;\npub use inner::{Inner as Renamed, *};\npub struct Facade;"),
     ("low/inner.rs", "use super::Facade;\npub struct Inner(Facade);\npub fn work() {}"),
     ("low/leaf.rs", "pub fn leaf() {}\n#[cfg(test)]\nmod tests {\n    use super::super::Facade;\n}"),
     (
         "high.rs",
         "use crate::low::{self, Renamed};\nuse std::fmt::{self, Debug};\nfn f(x: &dyn Debug) -> fmt::Result {\n    \
-         low::work();\n    println!(\"{:?}\", low::leaf::leaf());\n    told!();\n    Ok(())\n}",
+         low::work();\n    println!(\"{:?}\", low::leaf::leaf());\n    told!();\n    Ok(())\n}\n\
+         macro_rules! all {\n    ($($name:ident),*) => { $(crate::$name::made();)* };\n}\nfn g() {\n    all!(kinds, none);\n}",
     ),
+    ("kinds.rs", "pub fn made() {}"),
     ("macros.rs", "#[macro_export]\nmacro_rules! told {\n    () => {};\n}"),
 ];
 
@@ -33,6 +35,7 @@ fn the_reader_finds_every_arrow_of_a_small_library() {
         "low/inner.rs low/mod.rs",
         "high.rs low/inner.rs",
         "high.rs low/leaf.rs",
+        "high.rs kinds.rs",
         "high.rs macros.rs",
     ];
     expected.sort_unstable();

@@ -9,6 +9,7 @@ mod graph;
 mod layers;
 mod resolve;
 mod source;
+mod tokens;
 
 /// The folder of the project.
 fn project() -> &'static std::path::Path {

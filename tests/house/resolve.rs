@@ -23,22 +23,29 @@ impl Sources {
     /// Everything that a path may name, seen from a module: nothing when it leads out of the crate, more than one when
     /// several name spaces have the word. The part of a path behind a type (a variant, a method) is not looked at.
     pub fn resolve(&self, from: usize, path: &[String]) -> Vec<Target> {
-        self.follow(from, path, &mut Vec::new())
+        self.follow(from, path, true, &mut Vec::new())
     }
 
     /// Where a mention leads. A macro that is in scope by its place in the text (`#[macro_use]`, `#[macro_export]`) is
     /// found by its name.
     pub fn mentioned(&self, from: usize, mention: &Mention) -> Vec<Target> {
-        let found = self.resolve(from, &mention.path);
+        let found = self.follow(from, &mention.path, !mention.guessed, &mut Vec::new());
         if !mention.calls_macro || found.iter().any(|target| *target != Target::Item(0)) {
             return found;
         }
         let name = mention.path.last().map_or("", String::as_str);
-        let makers = (0..self.modules.len()).filter(|module| self.modules[*module].macros.contains(name));
+        let makers = (0..self.modules.len()).filter(|module| self.modules[*module].macros.contains_key(name));
         makers.map(Target::Item).collect()
     }
 
-    fn follow(&self, from: usize, path: &[String], seen: &mut Vec<(usize, String)>) -> Vec<Target> {
+    /// `macros_define`: what a module does not show is made by its macros.
+    fn follow(
+        &self,
+        from: usize,
+        path: &[String],
+        macros_define: bool,
+        seen: &mut Vec<(usize, String)>,
+    ) -> Vec<Target> {
         let Some((first, rest)) = path.split_first() else { return Vec::new() };
         let mut rest = rest;
         let mut reached = match first.as_str() {
@@ -58,7 +65,7 @@ impl Sources {
                     Target::Module(module) if word == "self" => next.push(Target::Module(module)),
                     Target::Module(module) => {
                         let found = self.named(module, word, seen);
-                        if found.is_empty() && !self.leads_out(module, word) {
+                        if found.is_empty() && macros_define && !self.leads_out(module, word) {
                             next.push(Target::Item(module));
                         }
                         next.extend(found);
@@ -90,11 +97,11 @@ impl Sources {
         }
         seen.push(key);
         for import in here.imports.iter().filter(|import| import.name.as_deref() == Some(name)) {
-            found.extend(self.follow(module, &import.path, seen));
+            found.extend(self.follow(module, &import.path, true, seen));
         }
         if found.is_empty() {
             for import in here.imports.iter().filter(|import| import.name.is_none()) {
-                for target in self.follow(module, &import.path, seen) {
+                for target in self.follow(module, &import.path, true, seen) {
                     if let Target::Module(brought) = target {
                         found.extend(self.named(brought, name, seen));
                     }

@@ -1,6 +1,7 @@
 //! The library as a tree of modules, each with what it defines, imports and mentions, read with `syn`.
 
-use proc_macro2::{Delimiter, TokenStream, TokenTree};
+use crate::tokens::{self, TokenPath};
+use proc_macro2::TokenStream;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -36,6 +37,17 @@ pub struct Mention {
     pub path: Vec<String>,
     /// Whether an exclamation mark follows.
     pub calls_macro: bool,
+    /// Whether it was put together from a macro and what it is called with, and may name nothing.
+    pub guessed: bool,
+    pub test: bool,
+    pub line: usize,
+}
+
+/// A call of a macro: the words that it is called with.
+#[derive(Debug)]
+pub struct Call {
+    pub name: String,
+    pub words: Vec<String>,
     pub test: bool,
     pub line: usize,
 }
@@ -50,8 +62,9 @@ pub struct Module {
     pub file: usize,
     /// The names of what it defines, in whichever name space.
     pub items: BTreeSet<String>,
-    /// Those of them that are macros, and macros within its functions.
-    pub macros: BTreeSet<String>,
+    /// Those of them that are macros, and macros within its functions, with the paths in them that have variables.
+    pub macros: BTreeMap<String, Vec<Vec<Option<String>>>>,
+    pub calls: Vec<Call>,
     pub children: BTreeMap<String, usize>,
     pub imports: Vec<Import>,
     pub aliases: Vec<Import>,
@@ -70,8 +83,8 @@ pub struct SourceFile {
     pub text: String,
     /// Lines with unsafe code, or which allow it.
     pub unsafe_lines: Vec<usize>,
-    /// Lines with a `static`.
-    pub static_lines: Vec<usize>,
+    /// Types of statics, with their lines.
+    pub statics: Vec<(String, usize)>,
 }
 
 impl SourceFile {
@@ -98,11 +111,31 @@ impl Sources {
         let root = project.join("src");
         let mut sources = Self::default();
         sources.file(&root, Path::new("lib.rs"), &[], None, false);
+        sources.expand();
         let known: BTreeSet<_> = sources.files.iter().map(|file| root.join(&file.path)).collect();
         for path in rust_files(&root) {
             assert!(known.contains(&path) || path == root.join("main.rs"), "{} is in no module", path.display());
         }
         sources
+    }
+
+    /// What the paths of macros become where they are called: `super::$kind::Plan` with `ssid` is `super::ssid::Plan`.
+    fn expand(&mut self) {
+        let mut patterns: BTreeMap<String, Vec<Vec<Option<String>>>> = BTreeMap::new();
+        for (name, paths) in self.modules.iter().flat_map(|module| &module.macros) {
+            patterns.entry(name.clone()).or_default().extend(paths.iter().cloned());
+        }
+        for module in &mut self.modules {
+            for call in &module.calls {
+                for pattern in patterns.get(&call.name).into_iter().flatten() {
+                    for word in &call.words {
+                        let path = pattern.iter().map(|part| part.clone().unwrap_or_else(|| word.clone())).collect();
+                        let (test, line) = (call.test, call.line);
+                        module.mentions.push(Mention { path, calls_macro: false, guessed: true, test, line });
+                    }
+                }
+            }
+        }
     }
 
     fn file(&mut self, root: &Path, path: &Path, module: &[String], parent: Option<usize>, test: bool) -> usize {
@@ -116,10 +149,10 @@ impl Sources {
             test,
             text,
             unsafe_lines: Vec::new(),
-            static_lines: Vec::new(),
+            statics: Vec::new(),
         });
         let index = self.module(module, parent, file);
-        Reader { sources: self, root, module: index, test, depth: 0 }.visit_file(&syntax);
+        Reader { sources: self, root, module: index, test, depth: 0, defining: None }.visit_file(&syntax);
         index
     }
 
@@ -192,6 +225,8 @@ struct Reader<'a> {
     test: bool,
     /// How many functions and blocks are around.
     depth: usize,
+    /// The macro that is being read.
+    defining: Option<String>,
 }
 
 impl Reader<'_> {
@@ -206,7 +241,7 @@ impl Reader<'_> {
 
     fn mention(&mut self, path: Vec<String>, calls_macro: bool, line: usize) {
         let test = self.test;
-        self.here().mentions.push(Mention { path, calls_macro, test, line });
+        self.here().mentions.push(Mention { path, calls_macro, guessed: false, test, line });
     }
 
     fn import(&mut self, tree: &UseTree, before: &mut Vec<String>, reach: Reach) {
@@ -250,51 +285,16 @@ impl Reader<'_> {
         found.unwrap_or_else(|| panic!("mod {name} of {module:?} has no file")).clone()
     }
 
-    /// Paths within the tokens of a macro, where `syn` sees none: `a :: b`, and single words that follow no dot.
+    /// What tokens mention; paths with variables belong to the macro that is being defined.
     fn tokens(&mut self, tokens: TokenStream) {
-        let tokens: Vec<TokenTree> = tokens.into_iter().collect();
-        let colons = |at: usize| {
-            let colon = |at: usize| matches!(tokens.get(at), Some(TokenTree::Punct(p)) if p.as_char() == ':');
-            colon(at) && colon(at + 1)
-        };
-        let mut at = 0;
-        while at < tokens.len() {
-            match &tokens[at] {
-                TokenTree::Group(group) => {
-                    // The stream of a group without delimiters is a variable of a macro.
-                    debug_assert!(group.delimiter() != Delimiter::None || group.stream().is_empty());
-                    self.tokens(group.stream());
-                }
-                TokenTree::Ident(word) => {
-                    let line = word.span().start().line;
-                    let after_dot = at > 0
-                        && matches!(&tokens[at - 1], TokenTree::Punct(p) if p.as_char() == '.')
-                        && !matches!(tokens.get(at.wrapping_sub(2)), Some(TokenTree::Punct(p)) if p.as_char() == '.');
-                    let mut path = vec![word.to_string()];
-                    while colons(at + 1) {
-                        let Some(TokenTree::Ident(next)) = tokens.get(at + 3) else { break };
-                        path.push(next.to_string());
-                        at += 3;
-                    }
-                    if !after_dot {
-                        let called = matches!(tokens.get(at + 1), Some(TokenTree::Punct(p)) if p.as_char() == '!');
-                        self.mention(path, called, line);
-                    }
-                }
-                TokenTree::Literal(literal) => self.quoted(&literal.to_string(), literal.span().start().line),
-                TokenTree::Punct(_) => {}
+        let found = tokens::scan(tokens);
+        self.source().statics.extend(found.statics);
+        for TokenPath { words, calls_macro, line } in found.paths {
+            if words.iter().all(Option::is_some) {
+                self.mention(words.into_iter().flatten().collect(), calls_macro, line);
+            } else if let Some(name) = self.defining.clone() {
+                self.here().macros.entry(name).or_default().push(words);
             }
-            at += 1;
-        }
-    }
-
-    /// A path in quotes, as in `#[serde(with = "crate::room::module")]`.
-    fn quoted(&mut self, literal: &str, line: usize) {
-        let Some(text) = literal.strip_prefix('"').and_then(|text| text.strip_suffix('"')) else { return };
-        let path: Vec<&str> = text.split("::").collect();
-        let word = |word: &&str| !word.is_empty() && word.chars().all(|c| c.is_alphanumeric() || c == '_');
-        if path.len() > 1 && path.iter().all(word) {
-            self.mention(path.into_iter().map(str::to_owned).collect(), false, line);
         }
     }
 
@@ -311,6 +311,23 @@ impl Reader<'_> {
 
 fn in_words(path: &syn::Path) -> Vec<String> {
     path.segments.iter().map(|segment| segment.ident.to_string()).collect()
+}
+
+/// The words of a static's type, `mut` included.
+fn type_text(item: &syn::ItemStatic) -> String {
+    struct Words(Vec<String>);
+    impl<'ast> Visit<'ast> for Words {
+        fn visit_path(&mut self, path: &'ast syn::Path) {
+            self.0.extend(in_words(path));
+            visit::visit_path(self, path);
+        }
+    }
+    let mut found = Words(Vec::new());
+    found.visit_type(&item.ty);
+    if matches!(item.mutability, syn::StaticMutability::Mut(_)) {
+        found.0.push("mut".to_owned());
+    }
+    found.0.join(" ")
 }
 
 fn reach(visibility: &Visibility) -> Reach {
@@ -333,7 +350,8 @@ impl<'ast> Visit<'ast> for Reader<'_> {
             Item::Fn(item) => self.define(&item.sig.ident),
             Item::Static(item) => {
                 self.define(&item.ident);
-                self.source().static_lines.push(item.span().start().line);
+                let declared = (type_text(item), item.span().start().line);
+                self.source().statics.push(declared);
             }
             Item::Struct(item) => self.define(&item.ident),
             Item::Trait(item) => self.define(&item.ident),
@@ -352,7 +370,7 @@ impl<'ast> Visit<'ast> for Reader<'_> {
             Item::Macro(item) => {
                 if let Some(name) = &item.ident {
                     self.define(name);
-                    self.here().macros.insert(name.to_string());
+                    self.here().macros.entry(name.to_string()).or_default();
                 }
             }
             Item::ForeignMod(item) => self.unsafe_at(item.span().start().line),
@@ -372,7 +390,8 @@ impl<'ast> Visit<'ast> for Reader<'_> {
         if let Some((_, items)) = &item.content {
             let file = self.here().file;
             let module = self.sources.module(&path, parent, file);
-            let mut inner = Reader { sources: self.sources, root: self.root, module, test: self.test, depth: 0 };
+            let mut inner =
+                Reader { sources: self.sources, root: self.root, module, test: self.test, depth: 0, defining: None };
             for item in items {
                 inner.visit_item(item);
             }
@@ -405,10 +424,25 @@ impl<'ast> Visit<'ast> for Reader<'_> {
         visit::visit_path(self, path);
     }
 
+    fn visit_item_macro(&mut self, item: &'ast syn::ItemMacro) {
+        let outer = self.defining.clone();
+        self.defining = item.ident.as_ref().map(ToString::to_string).or(outer.clone());
+        visit::visit_item_macro(self, item);
+        self.defining = outer;
+    }
+
     fn visit_vis_restricted(&mut self, _: &'ast syn::VisRestricted) {}
 
     fn visit_macro(&mut self, called: &'ast syn::Macro) {
-        self.mention(in_words(&called.path), true, called.path.span().start().line);
+        let path = in_words(&called.path);
+        let line = called.path.span().start().line;
+        if let Some(name) = path.last().filter(|_| self.defining.is_none()) {
+            let paths = tokens::scan(called.tokens.clone()).paths.into_iter();
+            let words = paths.filter_map(|path| path.words.into_iter().next().flatten()).collect();
+            let call = Call { name: name.clone(), words, test: self.test, line };
+            self.here().calls.push(call);
+        }
+        self.mention(path, true, line);
         self.tokens(called.tokens.clone());
     }
 
