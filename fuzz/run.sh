@@ -25,14 +25,24 @@ RUSTFLAGS="$instruments" cargo build --release --locked --target "$host" "${bins
 mkdir -p target
 grep -oE '"[a-z][a-z0-9_]*"' ../openapi/openapi.json | sort -u | sed 's/"/\\"/g; s/^/"/; s/$/"/' > target/words.dict
 
+# Every kind has an example that runs.
+mkdir -p target/examples
+for example in ../src/analysis/*/example.json; do
+    cp "$example" "target/examples/$(basename "$(dirname "$example")").json"
+done
+
 failed=()
 for target in "${targets[@]}"; do
     printf '\n=== %s\n' "$target"
     mkdir -p "corpus/$target" "artifacts/$target"
-    options=(-max_total_time="$seconds" -timeout=20 -rss_limit_mb=2048 -max_len=8192 -print_final_stats=1
+    options=(-max_total_time="$seconds" -timeout=20 -rss_limit_mb=2048 -max_len=16384 -print_final_stats=1
         -artifact_prefix="artifacts/$target/")
-    if [ "$target" = request ]; then options+=(-dict=target/words.dict); fi
-    "target/$host/release/$target" "${options[@]}" "corpus/$target" "seeds/$target" || failed+=("$target")
+    seeds="seeds/$target"
+    if [ "$target" = request ]; then
+        options+=(-dict=target/words.dict)
+        seeds=target/examples
+    fi
+    "target/$host/release/$target" "${options[@]}" "corpus/$target" "$seeds" || failed+=("$target")
 done
 if [ ${#failed[@]} -gt 0 ]; then
     printf '\nfailed: %s\n' "${failed[*]}"
