@@ -35,7 +35,7 @@ fn gains(case: &Value) -> Gains {
     Gains::regulator(&mat(&case["A"]), &mat(&case["B"]), &mat(&case["K"]), clock(case)).unwrap()
 }
 
-fn solve(gains: &Gains) -> volition::inverse::InverseLqr {
+pub fn solve(gains: &Gains) -> volition::inverse::InverseLqr {
     inverse_lqr(gains, &Settings::default(), &Ctl::new()).unwrap()
 }
 
@@ -238,7 +238,7 @@ fn the_gradient_is_that_of_the_reference_and_of_differences() {
     }
 }
 
-fn directions_of(_: &Structure, n: usize, m: usize) -> Vec<(DMatrix<f64>, DMatrix<f64>)> {
+pub fn directions_of(_: &Structure, n: usize, m: usize) -> Vec<(DMatrix<f64>, DMatrix<f64>)> {
     let mut all = Vec::new();
     for (order, is_q) in [(n, true), (m, false)] {
         for j in 0..order {

@@ -1,7 +1,12 @@
 //! Inverse optimal control on random plants, and against another solver.
 #![allow(non_snake_case)]
 
-use super::inverse::{mat, solve};
+use super::inverse::directions_of;
+use nalgebra::DMatrix;
+use volition::control::lqg::lqr;
+use volition::control::lyapunov::Clock;
+use volition::ctl::Ctl;
+use volition::inverse::{Gains, Settings, Structure, Verdict, inverse_lqr};
 
 #[test]
 fn optimal_gains_of_random_plants_are_never_called_infeasible() {

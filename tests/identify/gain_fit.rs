@@ -5,44 +5,44 @@
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use rand_distr::StandardNormal;
-use volition::control::lqg::{kalman, lqr};
+use volition::control::lqg::lqr;
 use volition::control::lyapunov::Clock;
 use volition::control::parametric::ParametricModel;
 use volition::control::{Continuous, Discrete};
 use volition::ctl::{Ctl, StopReason};
 use volition::likelihood::uncertainty::Uncertainty;
 use volition::likelihood::{
-    Estimate, Experiment, ExperimentError, FitError, Innovation, LoopModel, Noise, Record, Settings, fit, residuals,
+    Estimate, Experiment, ExperimentError, FitError, LoopModel, Noise, Record, Settings, fit, residuals,
 };
 use volition::num::rng::{self, Stream};
 use volition::person::state_feedback::{AffinePlant, Plant, StateFeedback, Term, Timing};
 use volition::plants::SeatedBalance;
 use volition::plants::seated_balance::{Parameter, Structure, Values};
 
-fn settings(model: &dyn LoopModel) -> Settings {
+pub fn settings(model: &dyn LoopModel) -> Settings {
     Settings { noise: Noise::Full, bounds: model.limits(), start: None, draws: 60, climbs: 5, seed: 1 }
 }
 
-fn time(period: f64) -> Discrete {
+pub fn time(period: f64) -> Discrete {
     Discrete::new(period).unwrap()
 }
 
-fn normal(stream: &mut Stream) -> f64 {
+pub fn normal(stream: &mut Stream) -> f64 {
     stream.sample(StandardNormal)
 }
 
-fn matrix(rows: usize, columns: usize, entries: &[f64]) -> DMatrix<f64> {
+pub fn matrix(rows: usize, columns: usize, entries: &[f64]) -> DMatrix<f64> {
     DMatrix::from_row_slice(rows, columns, entries)
 }
 
 /// A plant without parameters, whose experimenter's input is a second control.
-fn plain(a: DMatrix<f64>, b: DMatrix<f64>, c: DMatrix<f64>) -> AffinePlant {
+pub fn plain(a: DMatrix<f64>, b: DMatrix<f64>, c: DMatrix<f64>) -> AffinePlant {
     let (n, m, p) = (a.nrows(), b.ncols(), c.nrows());
     let base = Plant { e: b.clone(), a, b, c, d: DMatrix::zeros(p, m), f: DMatrix::zeros(p, m), initial: vec![0.0; n] };
     AffinePlant { base, terms: Vec::new() }
 }
 
-fn direct<T>(plant: AffinePlant, time: T) -> StateFeedback<AffinePlant, T> {
+pub fn direct<T>(plant: AffinePlant, time: T) -> StateFeedback<AffinePlant, T> {
     StateFeedback { plant, time, delay: None, lag: None }
 }
 
@@ -70,7 +70,7 @@ fn binary(samples: usize, hold: usize, size: f64, stream: &mut Stream) -> DMatri
     })
 }
 
-fn estimated(experiment: &Experiment<'_>, settings: &Settings) -> (Estimate, Uncertainty) {
+pub fn estimated(experiment: &Experiment<'_>, settings: &Settings) -> (Estimate, Uncertainty) {
     let estimate = fit(experiment, settings, &Ctl::new()).unwrap();
     let uncertainty = Uncertainty::new(experiment, &estimate, &settings.noise, &settings.bounds);
     (estimate, uncertainty)

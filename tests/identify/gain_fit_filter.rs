@@ -1,7 +1,14 @@
 //! The innovation form: gains and filter from recordings of output and control.
 #![allow(non_snake_case)]
 
-use super::gain_fit::{direct, estimated, matrix, normal, plain, settings, time};
+use super::gain_fit::{estimated, matrix, normal, plain, settings, time};
+use nalgebra::{DMatrix, DVector};
+use rand::RngExt;
+use volition::control::lqg::{kalman, lqr};
+use volition::control::lyapunov::Clock;
+use volition::likelihood::{Experiment, Innovation, LoopModel, Record, residuals};
+use volition::num::rng::{self, Stream};
+use volition::person::state_feedback::AffinePlant;
 
 fn controlled(samples: usize, stream: &mut Stream) -> (AffinePlant, Vec<f64>, Vec<f64>, [DMatrix<f64>; 3]) {
     let a = matrix(2, 2, &[1.0, 0.1, 0.15, 1.02]);

@@ -2,8 +2,6 @@
 //! likelihood.
 #![allow(clippy::unwrap_used, missing_docs)]
 
-#[path = "../support/property.rs"]
-mod property;
 #[path = "../support/virtual_subjects.rs"]
 mod virtual_subjects;
 

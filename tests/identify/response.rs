@@ -4,8 +4,8 @@ use num_complex::Complex64;
 use rand::RngExt;
 use rand_distr::StandardNormal;
 use std::f64::consts::PI;
-use std::path::{Path, PathBuf};
-use volition::ctl::{Ctl, StopReason};
+use std::path::Path;
+use volition::ctl::Ctl;
 use volition::num::rng::{Stream, stream};
 use volition::response::{
     Average, Bounds, Channels, CountSegments, Detrend, EndSample, Estimate, FrequencyError, FrequencySettings,
@@ -16,16 +16,16 @@ use volition::trial::gzip::GzipReader;
 use volition::trial::{Signals, Trial, csv};
 
 /// `H(z) = (b0 + b1 z⁻¹)/(1 + a1 z⁻¹ + a2 z⁻²)`, at rest before the first sample.
-struct Filter {
+pub struct Filter {
     b: [f64; 2],
     a: [f64; 2],
 }
 
 impl Filter {
     /// A resonance with a decay of a few tens of samples.
-    const LOOP: Self = Self { b: [0.05, 0.04], a: [-1.72, 0.80] };
+    pub const LOOP: Self = Self { b: [0.05, 0.04], a: [-1.72, 0.80] };
 
-    fn run(&self, r: &[f64]) -> Vec<f64> {
+    pub fn run(&self, r: &[f64]) -> Vec<f64> {
         let mut y: Vec<f64> = Vec::with_capacity(r.len());
         let at = |x: &[f64], i: usize, back: usize| if i >= back { x[i - back] } else { 0.0 };
         for i in 0..r.len() {
@@ -35,7 +35,7 @@ impl Filter {
         y
     }
 
-    fn response(&self, frequency_hz: f64, dt: f64) -> Complex64 {
+    pub fn response(&self, frequency_hz: f64, dt: f64) -> Complex64 {
         let d = Complex64::from_polar(1.0, -2.0 * PI * frequency_hz * dt);
         (self.b[0] + self.b[1] * d) / (1.0 + self.a[0] * d + self.a[1] * d * d)
     }

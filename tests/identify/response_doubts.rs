@@ -1,13 +1,14 @@
 //! Frequency responses: what is doubtful is named, what cannot be is refused.
 
 use super::response::{
-    DT, LINES, PERIOD, after_transient, between, codes, multisine, normal, periodic_trial, trial, warning,
+    DT, Filter, LINES, PERIOD, after_transient, between, codes, multisine, periodic_trial, trial, warning,
 };
-use volition::num::rng::stream;
-use volition::response::*;
-use volition::trial::Trial;
-
-// ---- doubts
+use std::f64::consts::PI;
+use volition::ctl::{Ctl, StopReason};
+use volition::response::{
+    Bounds, Channels, CountSegments, FrequencyError, FrequencySettings, LengthSegments, Lines, Response, Segments,
+    Stimulus, Window, estimate, estimate_between,
+};
 
 #[test]
 fn lines_without_power_are_named() {

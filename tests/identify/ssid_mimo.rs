@@ -1,27 +1,22 @@
 //! Multivariable subsystem identification: the worked examples of Zhang 2015, chapter 4, and random systems against
 //! brute force.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use num_complex::Complex64;
-use rand::RngExt;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
-use volition::control::{
-    Discrete, Multivariable, MultivariableModel, MultivariableSystem, PolynomialMatrix, RightFraction, StateSpace,
-};
+use volition::control::{Discrete, Multivariable, MultivariableModel, MultivariableSystem};
 use volition::ctl::{Ctl, StopReason};
 use volition::identify::mimo::{
     AxisMatrix, FeedbackPool, Identified, MatrixFrequencyData, MimoError, Plant, Settings, identify,
 };
 use volition::identify::ssid::Weights;
-use volition::num::linalg;
-use volition::num::rng::{Stream, stream};
 
 fn golden() -> Value {
     serde_json::from_str(include_str!("../golden/ssid_mimo.json")).unwrap()
 }
 
-fn system(model: Value) -> Multivariable<Discrete> {
+pub fn system(model: Value) -> Multivariable<Discrete> {
     let model: MultivariableModel = serde_json::from_value(model).unwrap();
     match model.check().unwrap() {
         MultivariableSystem::Discrete(system) => system,
@@ -29,18 +24,18 @@ fn system(model: Value) -> Multivariable<Discrete> {
     }
 }
 
-fn pool(numerator: Value, denominator: Value, margin: f64) -> FeedbackPool {
+pub fn pool(numerator: Value, denominator: Value, margin: f64) -> FeedbackPool {
     let numerator: AxisMatrix = serde_json::from_value(numerator).unwrap();
     let denominator: Option<AxisMatrix> = serde_json::from_value(denominator).unwrap();
     FeedbackPool::new(&numerator, denominator.as_ref(), margin, "pool/matrix_grid").unwrap()
 }
 
-fn settings(pool: FeedbackPool, feedforward_order: usize) -> Settings {
+pub fn settings(pool: FeedbackPool, feedforward_order: usize) -> Settings {
     Settings { pool, feedforward_order, weights: Weights::Uniform, max_candidates: 10_000_000 }
 }
 
 /// The closed loop `Gy (I + Gfb Gv)⁻¹ (Gfb + Gff)`, straight from equation 4.4.
-fn closed_loop(
+pub fn closed_loop(
     gy: &DMatrix<Complex64>,
     gv: &DMatrix<Complex64>,
     gff: &DMatrix<Complex64>,

@@ -1,6 +1,15 @@
 //! Multivariable subsystem identification: random systems against brute force.
 
-use super::ssid_mimo::{closed_loop, pool, settings, system};
+use super::ssid_mimo::{closed_loop, pool, settings};
+use nalgebra::{DMatrix, DVector};
+use num_complex::Complex64;
+use rand::RngExt;
+use serde_json::{Value, json};
+use volition::control::{Discrete, Multivariable, PolynomialMatrix, RightFraction, StateSpace};
+use volition::ctl::Ctl;
+use volition::identify::mimo::{FeedbackPool, MatrixFrequencyData, Plant, Settings, identify};
+use volition::num::linalg;
+use volition::num::rng::{Stream, stream};
 
 fn uniform(random: &mut Stream, low: f64, high: f64) -> f64 {
     random.random_range(low..high)

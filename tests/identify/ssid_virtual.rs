@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::PathBuf;
-use volition::analysis::{Code, Failure, Library, Plan, Report, Request};
+use volition::analysis::{Failure, Library, Plan, Report, Request};
 use volition::ctl::Ctl;
 use volition::trial::{csv, write};
 

@@ -1,20 +1,17 @@
 //! The worker, with jobs of the tests' own in place of analyses; kept in step by channels, not by sleeping.
 
-use super::worker_bench::*;
+use super::worker_bench::{Bench, Scripts, hear, in_time, new_analysis, quick, report};
 use serde_json::json;
 use std::collections::HashMap;
-use std::future::Future;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use tokio_util::sync::CancellationToken;
-use volition::analysis::ids::{AnalysisId, TrialId};
-use volition::analysis::{Code, Failure, Incumbent, Kind, Library, Problem, References, Report, Request};
-use volition::ctl::{Bracket, Ctl, Progress, StopReason, Stopped};
+use volition::analysis::{Code, Failure, Incumbent, Problem};
+use volition::ctl::{Bracket, Progress, StopReason, Stopped};
 use volition::jobs::Status;
-use volition::store::{AnalysisRecord, NewAnalysis, Store, StoreError};
-use volition::worker::{Drained, Execute, Work, Worker, WorkerSettings};
+use volition::store::{Store, StoreError};
+use volition::worker::{Drained, Worker, WorkerSettings};
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_success_is_written_with_its_times() {

@@ -3,16 +3,14 @@
 use serde_json::json;
 use std::collections::HashMap;
 use std::future::Future;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio_util::sync::CancellationToken;
 use volition::analysis::ids::{AnalysisId, TrialId};
-use volition::analysis::{Code, Failure, Incumbent, Kind, Library, Problem, References, Report, Request};
-use volition::ctl::{Bracket, Ctl, Progress, StopReason, Stopped};
-use volition::jobs::Status;
-use volition::store::{AnalysisRecord, NewAnalysis, Store, StoreError};
+use volition::analysis::{Code, Failure, Kind, Library, Problem, References, Report, Request};
+use volition::ctl::Ctl;
+use volition::store::{AnalysisRecord, NewAnalysis, Store};
 use volition::worker::{Drained, Execute, Work, Worker, WorkerSettings};
 
 pub type Script = Arc<dyn Fn(&Library, &Ctl) -> Result<Report, Failure> + Send + Sync>;
@@ -29,7 +27,7 @@ pub struct Scripted {
 }
 
 impl Execute for Scripts {
-    pub fn plan(&self, request: &Request) -> Result<Box<dyn Work>, Problem> {
+    fn plan(&self, request: &Request) -> Result<Box<dyn Work>, Problem> {
         let name = request.spec["script"].as_str().unwrap();
         assert_ne!(name, "panic while planning");
         let script = self.scripts.lock().unwrap().get(name).cloned();
@@ -40,7 +38,7 @@ impl Execute for Scripts {
 }
 
 impl Work for Scripted {
-    pub fn references(&self) -> References {
+    fn references(&self) -> References {
         self.references.clone()
     }
 
@@ -78,13 +76,13 @@ pub fn quick() -> WorkerSettings {
 
 /// A store and scripts, and workers to start on them. Dropping it with a job left behind fails the test.
 pub struct Bench {
-    store: Store,
-    scripts: Arc<Scripts>,
+    pub store: Store,
+    pub scripts: Arc<Scripts>,
 }
 
 pub struct Started {
-    shutdown: CancellationToken,
-    task: tokio::task::JoinHandle<Drained>,
+    pub shutdown: CancellationToken,
+    pub task: tokio::task::JoinHandle<Drained>,
 }
 
 impl Started {

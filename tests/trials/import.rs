@@ -3,7 +3,7 @@
 use indicatif::ProgressBar;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 use volition::app::import::index::{self, Condition};
 use volition::app::import::load::{

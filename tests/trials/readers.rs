@@ -4,13 +4,11 @@ use crate::round_trip::gzip;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use std::io::{Read, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use volition::analysis::{Code, Problem};
 use volition::trial::csv::{ColumnMapping, Options};
 use volition::trial::gzip::{GzipError, GzipReader};
-use volition::trial::{
-    Limits, Location, ReadError, ReadTrial, Signals, TimeDefect, Trial, TrialError, csv, json, write,
-};
+use volition::trial::{Limits, Location, ReadError, ReadTrial, Signals, TimeDefect, Trial, TrialError, csv, json};
 
 pub fn read(text: impl AsRef<[u8]>) -> Result<ReadTrial, ReadError> {
     csv::read(text.as_ref(), &Options::default())

@@ -1,7 +1,7 @@
 //! Time columns: rounding passes, every defect is named with its place.
 
-use super::readers::{defect, read, table, with_times};
-use volition::trial::{Location, ReadError, TimeDefect, TrialError};
+use super::readers::{defect, with_times};
+use volition::trial::{Signals, TimeDefect, Trial, TrialError};
 
 fn printed(rate_hz: f64, decimals: i32, samples: usize, offset_s: f64) -> Vec<f64> {
     let unit = 10_f64.powi(decimals);

@@ -22,7 +22,7 @@ pub async fn meddle(path: &Path) -> SqliteConnection {
     SqliteConnection::connect_with(&SqliteConnectOptions::new().filename(path).create_if_missing(true)).await.unwrap()
 }
 
-async fn tamper(path: &Path, sql: &'static str) -> u64 {
+pub async fn tamper(path: &Path, sql: &'static str) -> u64 {
     let mut connection = meddle(path).await;
     let changed = sqlx::query(sql).execute(&mut connection).await.unwrap().rows_affected();
     connection.close().await.unwrap();

@@ -1,8 +1,8 @@
 //! Files that are no database of ours, or a damaged one.
 
-use super::files::{bytes, meddle, open, place};
+use super::files::{open, place, tamper};
 use super::*;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 fn assert_cannot_open(outcome: Result<Store, StoreError>, says: &str) {
     match outcome {
