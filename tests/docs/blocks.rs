@@ -68,7 +68,10 @@ pub fn blocks(page: &Page) -> Vec<Block> {
         match event {
             Event::Start(Tag::CodeBlock(CodeBlockKind::Fenced(info))) => {
                 let what = What::of(info.trim()).unwrap_or_else(|| {
-                    panic!("{}:{line}: the block is marked '{info}'; the marks are listed in tests/docs/blocks.rs", page.name)
+                    panic!(
+                        "{}:{line}: the block is marked '{info}'; the marks are listed in tests/docs/blocks.rs",
+                        page.name
+                    )
                 });
                 open = Some(Block { what, line, text: String::new() });
             }

@@ -4,7 +4,7 @@ use crate::blocks::{Block, Language, What, blocks};
 use crate::{Page, pages, tell};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -161,7 +161,8 @@ impl Room {
 
     fn command(&self, program: &str) -> Command {
         let work = self.folder.path().join("work");
-        let path = format!("{}:{}", self.folder.path().join("bin").display(), std::env::var("PATH").unwrap_or_default());
+        let path =
+            format!("{}:{}", self.folder.path().join("bin").display(), std::env::var("PATH").unwrap_or_default());
         let mut command = Command::new(program);
         command.current_dir(work).env("PATH", path).env("VOLITION_LOG", "error").stdin(Stdio::null());
         command

@@ -93,3 +93,28 @@ fn every_command_is_listed() {
         .collect();
     assert_eq!(commands, first_cells(&page("docs/administration.md"), "Commands"));
 }
+
+/// The constants of `docs/numerics.md` have the values that it gives.
+#[test]
+fn every_tolerance_is_the_one_in_the_code() {
+    let mut rows = 0;
+    for line in page("docs/numerics.md").lines() {
+        let cells: Vec<&str> = line.split('|').map(|cell| cell.trim().trim_matches('`')).collect();
+        let [_, file, name, value, ..] = cells.as_slice() else { continue };
+        if !file.ends_with(".rs") {
+            continue;
+        }
+        rows += 1;
+        let text = std::fs::read_to_string(root().join("src").join(file)).unwrap_or_else(|e| panic!("{file}: {e}"));
+        let found = syn::parse_file(&text).unwrap().items.into_iter().find_map(|item| match item {
+            syn::Item::Const(item) if item.ident == name => {
+                let begin = text.find(&format!("const {name}:"))?;
+                let rest = text[begin..].split_once('=')?.1;
+                Some(rest.split_once(';')?.0.trim().replace('_', ""))
+            }
+            _ => None,
+        });
+        assert_eq!(found.as_deref(), Some(*value), "{name} in src/{file}");
+    }
+    assert!(rows > 20, "{rows}");
+}

@@ -8,10 +8,8 @@
 mod blocks;
 mod codes;
 mod execute;
-mod kinds;
 mod links;
 mod lists;
-mod schema;
 
 use std::path::{Path, PathBuf};
 
@@ -28,7 +26,8 @@ pub struct Page {
 
 /// Every page, in the order of their names.
 fn pages() -> Vec<Page> {
-    let mut files: Vec<PathBuf> = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"].map(|name| root().join(name)).to_vec();
+    let mut files: Vec<PathBuf> =
+        ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"].map(|name| root().join(name)).to_vec();
     markdown(&root().join("docs"), &mut files);
     files.sort();
     files
