@@ -116,7 +116,7 @@ impl<'ast> Visit<'ast> for Reader {
 
     fn visit_item_fn(&mut self, item: &'ast syn::ItemFn) {
         if let Some(syn::FnArg::Typed(first)) = item.sig.inputs.first()
-            && is_named(&first.pat, "code")
+            && takes_code(&syn::Pat::Type(first.clone()))
         {
             self.reporters.insert(item.sig.ident.to_string());
         }
@@ -126,7 +126,7 @@ impl<'ast> Visit<'ast> for Reader {
     fn visit_local(&mut self, local: &'ast syn::Local) {
         if let Some(init) = &local.init {
             if let (syn::Pat::Ident(name), syn::Expr::Closure(closure)) = (&local.pat, &*init.expr)
-                && closure.inputs.first().is_some_and(|first| is_named(first, "code"))
+                && closure.inputs.first().is_some_and(takes_code)
             {
                 self.reporters.insert(name.ident.to_string());
             }
@@ -159,6 +159,13 @@ impl<'ast> Visit<'ast> for Reader {
         }
         syn::visit::visit_expr_struct(self, item);
     }
+}
+
+/// A parameter `code` that takes a warning's code; that of a problem is of a type of its own.
+fn takes_code(pattern: &syn::Pat) -> bool {
+    let is_problem =
+        |ty: &syn::Type| matches!(ty, syn::Type::Path(path) if path.path.segments.last().unwrap().ident == "Code");
+    is_named(pattern, "code") && !matches!(pattern, syn::Pat::Type(typed) if is_problem(&typed.ty))
 }
 
 fn is_named(pattern: &syn::Pat, name: &str) -> bool {
@@ -197,6 +204,9 @@ impl<'ast> Visit<'ast> for Calls<'_> {
 struct Literals(BTreeSet<String>);
 
 impl<'ast> Visit<'ast> for Literals {
+    /// Comments are attributes with a literal.
+    fn visit_attribute(&mut self, _: &'ast syn::Attribute) {}
+
     fn visit_lit_str(&mut self, text: &'ast syn::LitStr) {
         if is_code(&text.value()) {
             self.0.insert(text.value());
@@ -302,6 +312,8 @@ fn in_code() -> BTreeMap<String, BTreeSet<String>> {
             let is_handed_on = match expression {
                 // `finding.code`: written where the finding was made.
                 syn::Expr::Field(field) => matches!(&field.member, syn::Member::Named(n) if n == "code"),
+                // `Code::Invalid`: the code of a problem.
+                syn::Expr::Path(path) => path.path.segments.len() == 2 && path.path.segments[0].ident == "Code",
                 _ => false,
             };
             if let Some(code) = literal(expression) {
@@ -338,28 +350,28 @@ fn in_code() -> BTreeMap<String, BTreeSet<String>> {
 fn has_reporter_at(file: &syn::File, line: usize) -> bool {
     struct Around(usize, bool);
     impl Around {
-        fn look(&mut self, span: proc_macro2::Span, takes_code: bool) {
-            self.1 |= takes_code && (span.start().line..=span.end().line).contains(&self.0);
+        fn look(&mut self, span: proc_macro2::Span, is_reporter: bool) {
+            self.1 |= is_reporter && (span.start().line..=span.end().line).contains(&self.0);
         }
     }
-    fn takes_code(signature: &syn::Signature) -> bool {
+    fn first_is_code(signature: &syn::Signature) -> bool {
         let first = signature.inputs.iter().find_map(|input| match input {
-            syn::FnArg::Typed(typed) => Some(&*typed.pat),
+            syn::FnArg::Typed(typed) => Some(syn::Pat::Type(typed.clone())),
             syn::FnArg::Receiver(_) => None,
         });
-        first.is_some_and(|pattern| is_named(pattern, "code"))
+        first.is_some_and(|pattern| takes_code(&pattern))
     }
     impl<'ast> Visit<'ast> for Around {
         fn visit_expr_closure(&mut self, item: &'ast syn::ExprClosure) {
-            self.look(item.span(), item.inputs.first().is_some_and(|first| is_named(first, "code")));
+            self.look(item.span(), item.inputs.first().is_some_and(takes_code));
             syn::visit::visit_expr_closure(self, item);
         }
         fn visit_item_fn(&mut self, item: &'ast syn::ItemFn) {
-            self.look(item.span(), takes_code(&item.sig));
+            self.look(item.span(), first_is_code(&item.sig));
             syn::visit::visit_item_fn(self, item);
         }
         fn visit_impl_item_fn(&mut self, item: &'ast syn::ImplItemFn) {
-            self.look(item.span(), takes_code(&item.sig));
+            self.look(item.span(), first_is_code(&item.sig));
             syn::visit::visit_impl_item_fn(self, item);
         }
     }
