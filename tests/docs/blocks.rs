@@ -14,7 +14,7 @@ pub enum What {
     Request,
     /// `json result`: an answer, or a part of a document. It must be JSON.
     Json,
-    /// `text output`: lines that the block of commands before it prints, among others.
+    /// `text output`: lines that the blocks of commands before it print, among others.
     Output,
     /// `text`: formulas, drawings, lists. Nothing to execute.
     Text,

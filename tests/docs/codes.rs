@@ -1,8 +1,9 @@
 //! The codes of warnings, as the code writes them and as `docs/warnings.md` explains them.
 //!
-//! A code is the first argument of a constructor of [`WARNINGS`], or of a closure whose first parameter is called `code` and which hands
-//! it on. Where it is no literal but a variable, the literals that the variable can be are looked up in the same file: a `let`, a loop over
-//! tuples, or a function of the same folder that returns them. What cannot be read in this way fails the test: nothing is passed over.
+//! A code is the first argument of a constructor of [`WARNINGS`], or of a closure whose first parameter is called
+//! `code` and which hands it on. Where it is no literal but a variable, the literals that the variable can be are
+//! looked up in the same file: a `let`, a loop over tuples, or a function of the same folder that returns them. What
+//! cannot be read in this way fails the test: nothing is passed over.
 
 use crate::{pages, root};
 use std::collections::{BTreeMap, BTreeSet};

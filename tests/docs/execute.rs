@@ -91,7 +91,7 @@ fn every_block_does_what_it_says() {
 struct Room {
     folder: tempfile::TempDir,
     server: Option<Server>,
-    /// Standard output of the block of commands before.
+    /// Standard output of the blocks of commands before.
     printed: String,
 }
 
@@ -212,7 +212,7 @@ impl Room {
         if !ended_well {
             return Err(format!("the commands failed\n{out}\n{err}"));
         }
-        self.printed = out;
+        self.printed.push_str(&out);
         tally.executed("blocks of commands");
         Ok(())
     }
@@ -251,7 +251,8 @@ impl Room {
         if ended_well { Ok(()) } else { Err(format!("the request is refused: {err}")) }
     }
 
-    /// Whether every line was printed by the commands before; spaces at the ends do not count, and a line `…` stands for anything.
+    /// Whether every line was printed by the commands before. Spaces at the ends do not count; a line `…` stands for
+    /// any.
     fn was_printed(&self, text: &str) -> Result<(), String> {
         let printed: Vec<&str> = self.printed.lines().map(str::trim).collect();
         let missing = text.lines().map(str::trim).find(|l| !l.is_empty() && *l != "…" && !printed.contains(l));

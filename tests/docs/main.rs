@@ -1,8 +1,8 @@
 //! What the documentation says is what the program does.
 //!
-//! Every fenced block of README.md, CONTRIBUTING.md and `docs/` says by its info string what it is ([`blocks::What`]); those that are
-//! commands or requests are executed here, in a temporary folder and against the built program. Lists that stand in the code as well
-//! (warnings, problems, settings, kinds) are compared with it.
+//! Every fenced block of README.md, CONTRIBUTING.md and `docs/` says by its info string what it is ([`blocks::What`]);
+//! those that are commands or requests are executed here, in a temporary folder and against the built program. Lists
+//! that stand in the code as well (warnings, problems, settings, tolerances, kinds) are compared with it.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod blocks;
