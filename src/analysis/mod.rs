@@ -3,15 +3,25 @@
 //! One folder a kind; [`contract`] says what a kind is, [`registry`] lists them. Nothing here knows about databases, clocks or the
 //! network: a [`Problem`] says what is wrong in words.
 
+pub mod compensator_design;
 pub mod contract;
+pub mod excitation;
+pub mod excitation_quality;
 pub mod frequency_response;
+pub mod gain_fit;
 pub mod ids;
+pub mod input_design;
 pub mod inputs;
+pub mod inverse;
+pub mod inverse_lqe;
+pub mod inverse_lqg;
+pub mod inverse_lqr;
 pub mod kind;
 pub mod problem;
 mod reading;
 pub mod registry;
 pub mod report;
+pub mod robust_input_design;
 pub mod samples;
 pub mod ssid;
 pub mod ssid_mimo;
@@ -23,6 +33,3 @@ pub use kind::{Kind, Request};
 pub use problem::{Code, Problem};
 pub use registry::Plan;
 pub use report::{Effort, Provenance, Report, Warning};
-
-pub use crate::identify::search::shelf::{Reading, Writing};
-pub use crate::identify::search::{Key, Origins, Shared, Shelf, Tally};

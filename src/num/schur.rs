@@ -183,6 +183,7 @@ mod tests {
 
     #[test]
     fn a_matrix_that_is_not_finite_is_refused() {
-        assert!(ComplexSchur::new(&DMatrix::from_element(2, 2, f64::INFINITY)).is_err());
+        let refused = ComplexSchur::new(&DMatrix::from_element(2, 2, f64::INFINITY)).unwrap_err();
+        assert_eq!(refused, NoConvergence { rows: 2, columns: 2 });
     }
 }

@@ -196,7 +196,8 @@ impl Attendant {
                 Err(error) => error,
             };
             if begin.elapsed() > 2 * self.policy.lease() {
-                tracing::error!(analysis = %lease.analysis, %error, "the outcome could not be written; it will be computed again");
+                tracing::error!(analysis = %lease.analysis, %error, "the outcome could not be written; it will be \
+                    computed again");
                 return Ended::Unwritten;
             }
             tracing::warn!(analysis = %lease.analysis, %error, "the outcome could not be written; trying again");

@@ -4,6 +4,7 @@ pub mod data;
 pub mod fitted;
 pub mod frequency_problem;
 pub mod library;
+pub mod matrix;
 pub mod plant;
 pub mod pool_problem;
 pub mod trial_problem;

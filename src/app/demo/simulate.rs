@@ -78,7 +78,8 @@ pub async fn store_study(
     Ok(Stored { study, name, trials })
 }
 
-/// The norms of the controllers that the simulated subjects really have, delay and preview included, in the trials `numbers`.
+/// The norms of the controllers that the simulated subjects really have, delay and preview included, in the trials
+/// `numbers`.
 ///
 /// # Errors
 /// For a band that makes no sense.

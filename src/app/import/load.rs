@@ -93,7 +93,8 @@ pub async fn find_or_create_study(store: &Store, name: &str, display_limit: Opti
     };
     match display_limit {
         Some(limit) if study.display_limit != Some(limit) => bail!(
-            "the study {name:?} has the display limit {:?}, and {limit} is asked for; change the study or leave the limit out",
+            "the study {name:?} has the display limit {:?}, and {limit} is asked for; change the study or leave the \
+             limit out",
             study.display_limit
         ),
         _ => Ok(study),
@@ -275,7 +276,8 @@ impl<'a> Loader<'a> {
         Ok(id)
     }
 
-    /// Writes the other columns into the subjects' attributes, beside what stands there; not at all where nothing changes.
+    /// Writes the other columns into the subjects' attributes, beside what stands there; not at all where nothing
+    /// changes.
     async fn keep_extras(&mut self) -> anyhow::Result<()> {
         for (code, extras) in std::mem::take(&mut self.extras) {
             let Some(subject) = self.subjects.get(&code) else { continue };

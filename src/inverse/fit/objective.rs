@@ -123,9 +123,9 @@ impl<'a> Objective<'a> {
 
     /// Gradient and Hessian along directions (dQ_i, dR_i).
     ///
-    /// With `(A − BK)ᵀP_i + P_i(A − BK) + dQ_i + KᵀdR_iK = 0` and `RK_i = BᵀP_i − dR_iK` the second derivative needs no further equation:
-    /// `f_ij = 2⟨K_i, MK_j⟩ − 2⟨RK_iΛ, K_j⟩ − 2⟨R⁻¹ME, dR_iK_j + dR_jK_i⟩`; in sampled time with `R + BᵀPB` for R and its derivative
-    /// for dR in the last term.
+    /// With `(A − BK)ᵀP_i + P_i(A − BK) + dQ_i + KᵀdR_iK = 0` and `RK_i = BᵀP_i − dR_iK` the second derivative needs no
+    /// further equation: `f_ij = 2⟨K_i, MK_j⟩ − 2⟨RK_iΛ, K_j⟩ − 2⟨R⁻¹ME, dR_iK_j + dR_jK_i⟩`; in sampled time with `R +
+    /// BᵀPB` for R and its derivative for dR in the last term.
     #[must_use]
     pub fn derivatives(
         &self,
