@@ -1,14 +1,14 @@
 //! Analyses: asked for here, computed by workers.
 
-use super::cursor::{PageQuery, Paged};
+use super::answer::{created, no_content};
+use super::cursor::{List, PageQuery, Paged};
 use super::etag::{self, IfNoneMatch};
 use super::extract::{FromQuery, Json, Params, QueryText, off_thread};
 use super::idempotency::{Idempotency, IdempotencyHeader, mark};
 use super::named::{Named, View};
 use super::problem::{ApiResult, unless_missing};
-use super::schema::{AnalysisList, Timestamp};
 use super::state::AppState;
-use super::{created, no_content};
+use super::timestamp::Timestamp;
 use crate::analysis::ids::{AnalysisId, StudyId, TrialId};
 use crate::analysis::report::sha256_json;
 use crate::analysis::{Code, Incumbent, Kind, Plan, Problem, Report, Request, registry};
@@ -119,6 +119,9 @@ pub(crate) struct AnalysisLinks {
     /// Where to POST to cancel it.
     cancel: String,
 }
+
+/// A page of analyses.
+pub(crate) type AnalysisList = List<AnalysisView>;
 
 impl View for AnalysisView {
     type Record = AnalysisRecord;

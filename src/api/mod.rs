@@ -8,6 +8,7 @@
 #![allow(unused_qualifications)]
 
 mod analyses;
+mod answer;
 mod checks;
 mod cursor;
 mod docs;
@@ -32,25 +33,11 @@ mod state;
 mod studies;
 mod study_analyses;
 mod subjects;
+mod telemetry;
+mod timestamp;
 mod trials;
 mod upload;
 
 pub use docs::document;
 pub use router::{openapi, router};
 pub use state::{AppState, Limits};
-
-use axum::http::{HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
-
-/// Adds where the thing that was made is found.
-fn created(mut response: Response, location: String) -> Response {
-    if let Ok(value) = HeaderValue::from_str(&location) {
-        response.headers_mut().insert(header::LOCATION, value);
-    }
-    response
-}
-
-/// The answer to a deletion.
-fn no_content() -> Response {
-    StatusCode::NO_CONTENT.into_response()
-}

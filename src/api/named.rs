@@ -1,11 +1,11 @@
 //! What the routes of one stored thing have in common: conditional reads, conditional changes, deletion.
 
+use super::answer::{created, no_content};
 use super::etag::{self, require_match};
 use super::extract::{Id, Params};
 use super::idempotency::mark;
 use super::problem::{ApiError, ApiResult};
 use super::state::AppState;
-use super::{created, no_content};
 use crate::store::{Change, Created, Noun};
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;

@@ -1,15 +1,15 @@
 //! Plants: what subjects control.
 
 use super::checks::{self, NAME_PATTERN};
-use super::cursor::{PageQuery, Paged};
+use super::cursor::{List, PageQuery, Paged};
 use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{Id, Json, MergePatch, Params, from_value, present};
 use super::idempotency::{Idempotency, IdempotencyHeader};
 use super::named::{self, Named, View};
 use super::problem::ApiResult;
-use super::schema::{PlantList, Timestamp};
 use super::state::AppState;
 use super::studies::StudyPath;
+use super::timestamp::Timestamp;
 use crate::analysis::ids::{PlantId, StudyId};
 use crate::analysis::{Code, Problem};
 use crate::control::Model;
@@ -39,6 +39,9 @@ pub(crate) struct PlantView {
     #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
 }
+
+/// A page of plants.
+pub(crate) type PlantList = List<PlantView>;
 
 impl View for PlantView {
     type Record = Plant;

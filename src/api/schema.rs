@@ -1,20 +1,19 @@
 //! The schemas of bodies: made by schemars from the types that serde reads and writes, and named for the routes.
 //!
-//! Types of requests are described as they are read (a field with a default may be left out), types of answers as they are written; a type
-//! of both is described as it is read, which what is written keeps to as well.
+//! Types of requests are described as they are read (a field with a default may be left out), types of answers as they
+//! are written; a type of both is described as it is read, which what is written keeps to as well.
 
-use super::analyses::AnalysisView;
-use super::cursor::List;
+use super::analyses::{AnalysisList, AnalysisView};
 use super::events::AnalysisEvent;
 use super::kinds::KindList;
 use super::ops::Health;
-use super::plants::{NewPlantBody, PlantPatchBody, PlantView};
+use super::plants::{NewPlantBody, PlantList, PlantPatchBody, PlantView};
 use super::problem::HttpProblem;
 use super::signals::SignalsDocument;
-use super::studies::{NewStudyBody, StudyPatchBody, StudyView};
+use super::studies::{NewStudyBody, StudyList, StudyPatchBody, StudyView};
 use super::study_analyses::{BulkAnswer, BulkRequest, StudyProgress};
-use super::subjects::{NewSubjectBody, SubjectPatchBody, SubjectView};
-use super::trials::{TrialPatchBody, TrialView};
+use super::subjects::{NewSubjectBody, SubjectList, SubjectPatchBody, SubjectView};
+use super::trials::{TrialList, TrialPatchBody, TrialView};
 use super::upload::{UploadForm, Uploaded};
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Kind, Report, Request};
@@ -23,39 +22,11 @@ use crate::learning::{StudyFrequencyResponses, StudyLearningCurves, SubjectLearn
 use crate::trial::json::TrialDocument;
 use schemars::generate::SchemaSettings;
 use schemars::transform::{RecursiveTransform, Transform};
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde_json::{Map, Value, json};
 use std::borrow::Cow;
 use utoipa::openapi::{Ref, RefOr};
 use utoipa::{PartialSchema, ToSchema};
-
-/// A moment, as RFC 3339 writes it, in UTC.
-pub(super) struct Timestamp;
-
-impl JsonSchema for Timestamp {
-    fn schema_name() -> Cow<'static, str> {
-        "Timestamp".into()
-    }
-
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({"type": "string", "format": "date-time"})
-    }
-}
-
-/// A page of analyses.
-pub(super) type AnalysisList = List<AnalysisView>;
-/// A page of plants.
-pub(super) type PlantList = List<PlantView>;
-/// A page of studies.
-pub(super) type StudyList = List<StudyView>;
-/// A page of subjects.
-pub(super) type SubjectList = List<SubjectView>;
-/// A page of trials.
-pub(super) type TrialList = List<TrialView>;
 
 /// Lets routes name bodies by their types, and lists the types for the document.
 macro_rules! bodies {

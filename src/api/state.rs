@@ -1,6 +1,6 @@
 //! What every handler shares.
 
-use super::ops::HttpTelemetry;
+use super::telemetry::HttpTelemetry;
 use crate::cache::CacheCounters;
 use crate::store::Store;
 use std::sync::Arc;

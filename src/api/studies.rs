@@ -1,14 +1,14 @@
 //! Studies.
 
 use super::checks::{self, NAME_PATTERN, TEXT_PATTERN};
-use super::cursor::{PageQuery, Paged};
+use super::cursor::{List, PageQuery, Paged};
 use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{Json, MergePatch, Params, or_default, present};
 use super::idempotency::{Idempotency, IdempotencyHeader};
 use super::named::{self, Named, View};
 use super::problem::ApiResult;
-use super::schema::{StudyList, Timestamp};
 use super::state::AppState;
+use super::timestamp::Timestamp;
 use crate::analysis::ids::StudyId;
 use crate::store::{NewStudy, Study, StudyPatch};
 use axum::extract::State;
@@ -36,6 +36,9 @@ pub(crate) struct StudyView {
     #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
 }
+
+/// A page of studies.
+pub(crate) type StudyList = List<StudyView>;
 
 impl View for StudyView {
     type Record = Study;

@@ -1,15 +1,15 @@
 //! Subjects, by pseudonym.
 
 use super::checks::{self, NAME_PATTERN};
-use super::cursor::{PageQuery, Paged};
+use super::cursor::{List, PageQuery, Paged};
 use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{FromQuery, Id, Json, MergePatch, Params, QueryText, or_default, present};
 use super::idempotency::{Idempotency, IdempotencyHeader};
 use super::named::{self, Named, View};
 use super::problem::ApiResult;
-use super::schema::{SubjectList, Timestamp};
 use super::state::AppState;
 use super::studies::StudyPath;
+use super::timestamp::Timestamp;
 use crate::analysis::Problem;
 use crate::analysis::ids::{StudyId, SubjectId};
 use crate::store::{NewSubject, Subject, SubjectPatch};
@@ -43,6 +43,9 @@ pub(crate) struct SubjectView {
     #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
 }
+
+/// A page of subjects.
+pub(crate) type SubjectList = List<SubjectView>;
 
 impl View for SubjectView {
     type Record = Subject;

@@ -1,12 +1,12 @@
 //! Trials without their signals.
 
-use super::cursor::{PageQuery, Paged};
+use super::cursor::{List, PageQuery, Paged};
 use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{Id, Integer, MergePatch, present};
 use super::named::{Named, View};
 use super::problem::ApiResult;
-use super::schema::{Timestamp, TrialList};
 use super::subjects::SubjectPath;
+use super::timestamp::Timestamp;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Code, Problem};
 use crate::learning::time_domain::TimeDomainMetrics;
@@ -63,6 +63,9 @@ pub(crate) struct TrialMetrics {
     /// Whether |y| passed the display limit that the study has now.
     divergent: bool,
 }
+
+/// A page of trials.
+pub(crate) type TrialList = List<TrialView>;
 
 impl View for TrialView {
     type Record = TrialRecord;

@@ -4,6 +4,7 @@ mod assign;
 mod files;
 mod keep;
 
+use super::answer::created;
 use super::etag;
 use super::extract::{
     Encoding, FromQuery, Id, Integer, Params, QueryText, encoding, media_type, off_thread, read_body, unsupported,
@@ -250,7 +251,7 @@ pub(crate) async fn upload(
     } else {
         let item = items.into_iter().next().ok_or_else(internal)?;
         let location = format!("/v1/trials/{}", item.trial.id);
-        super::created(etag::tagged(status, &item)?, location)
+        created(etag::tagged(status, &item)?, location)
     };
     // The body also says what was done, so it is no representation that could be revalidated.
     response.headers_mut().remove(header::ETAG);
