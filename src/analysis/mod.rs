@@ -3,17 +3,19 @@
 //! One folder a kind; [`contract`] says what a kind is, [`registry`] lists them. Nothing here knows about databases, clocks or the
 //! network: a [`Problem`] says what is wrong in words.
 
+pub mod compensator_design;
 pub mod contract;
+pub mod excitation;
+pub mod excitation_quality;
 pub mod frequency_response;
 pub mod gain_fit;
 pub mod ids;
 pub mod input_design;
 pub mod inputs;
-pub mod inverse {
-    //! What `gain_fit` shares with the inverse problems.
-    pub mod shares;
-    pub mod structure_spec;
-}
+pub mod inverse;
+pub mod inverse_lqe;
+pub mod inverse_lqg;
+pub mod inverse_lqr;
 pub mod kind;
 pub mod problem;
 mod reading;
@@ -31,6 +33,3 @@ pub use kind::{Kind, Request};
 pub use problem::{Code, Problem};
 pub use registry::Plan;
 pub use report::{Effort, Provenance, Report, Warning};
-
-pub use crate::identify::search::shelf::{Reading, Writing};
-pub use crate::identify::search::{Key, Origins, Shared, Shelf, Tally};

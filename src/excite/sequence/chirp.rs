@@ -1,11 +1,10 @@
 //! Chirps: sinusoids whose frequency sweeps.
 
 use super::error::SequenceError;
-use super::sampled::Sequence;
+use super::sampled::{Sequence, SequenceDetails};
 use crate::simulate::reference_signals;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 /// A chirp of a published study.
@@ -22,6 +21,7 @@ pub enum ChirpPreset {
 /// How the frequency goes from one end to the other.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "ChirpSweep")]
 pub enum Sweep {
     /// In equal steps: `f(t) = f₀ + (f₁ − f₀) t/D`.
     #[default]
@@ -49,7 +49,7 @@ pub struct Chirp {
     /// Linear or logarithmic. Default: linear.
     #[serde(default)]
     pub sweep: Sweep,
-    /// Amplitude; of a preset, a factor. Default: 1.
+    /// Amplitude in the unit of the signal; of a preset, a factor. Default: 1.
     #[serde(default = "one")]
     pub amplitude: f64,
     /// Phase at the start, rad. Default: 0.
@@ -132,6 +132,13 @@ impl Chirp {
 
     pub(super) fn sample(&self, sample_time_s: f64) -> Sequence {
         let values = reference_signals::sampled(sample_time_s, self.duration_s(), |t| self.at(t));
-        Sequence { sample_time_s, values, period: None, harmonics: None, chip_s: None, details: BTreeMap::new() }
+        Sequence {
+            sample_time_s,
+            values,
+            period: None,
+            harmonics: None,
+            chip_s: None,
+            details: SequenceDetails::default(),
+        }
     }
 }
