@@ -26,11 +26,14 @@ kinds! {
     ssid,
     ssid_mimo,
     two_stimulus,
+    gain_fit,
     inverse_lqr,
     inverse_lqe,
     inverse_lqg,
     excitation_quality,
     compensator_design,
+    input_design,
+    robust_input_design,
 }
 
 /// A kind, for whoever lists, documents or dispatches them.
@@ -182,7 +185,6 @@ impl JsonSchema for Request {
             }
             json_schema!({
                 "type": "object",
-                "title": about.title,
                 "description": about.summary,
                 "properties": {
                     "kind": {"type": "string", "const": about.kind, "description": "The kind of analysis."},
@@ -208,7 +210,6 @@ impl JsonSchema for Report {
             let provenance = generator.subschema_for::<Provenance>();
             json_schema!({
                 "type": "object",
-                "title": about.title,
                 "description": about.summary,
                 "properties": {
                     "kind": {"type": "string", "const": about.kind, "description": "The kind of analysis."},

@@ -1,6 +1,7 @@
 //! What an analysis answers, and the proof of how it came about.
 
 use super::kind::Kind;
+use crate::num::hexadecimal::hexadecimal;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -115,15 +116,4 @@ pub(super) fn result_schema(kind: Kind, version: u32) -> String {
 #[must_use]
 pub fn sha256_json(value: &serde_json::Value) -> String {
     hexadecimal(&Sha256::digest(value.to_string()))
-}
-
-/// Bytes in lower-case hexadecimal.
-#[must_use]
-pub fn hexadecimal(bytes: &[u8]) -> String {
-    use std::fmt::Write as _;
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        // Writing to a String cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }

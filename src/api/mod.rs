@@ -20,6 +20,7 @@ pub mod idempotency;
 pub mod kinds;
 pub mod learning_curves;
 mod learning_inputs;
+mod named;
 pub mod ops;
 pub mod plants;
 pub mod problem;

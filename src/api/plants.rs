@@ -2,20 +2,20 @@
 
 use super::checks::{self, NAME_PATTERN};
 use super::cursor::{PageQuery, Pager};
-use super::etag::{self, IfMatch, IfNoneMatch};
+use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{Id, Json, MergePatch, Params, from_value, present};
-use super::idempotency::{Idempotency, IdempotencyHeader, mark};
+use super::idempotency::{Idempotency, IdempotencyHeader};
+use super::named::{self, Named, View};
 use super::problem::ApiResult;
 use super::schema::{PlantList, Timestamp};
 use super::state::AppState;
 use super::studies::StudyPath;
-use super::{created, no_content};
 use crate::analysis::ids::{PlantId, StudyId};
 use crate::analysis::{Code, Problem};
 use crate::control::Model;
-use crate::store::{NewPlant, Plant};
+use crate::store::{NewPlant, Plant, PlantPatch};
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -39,6 +39,10 @@ pub struct PlantView {
     #[serde(with = "time::serde::rfc3339")]
     #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
+}
+
+impl View for PlantView {
+    type Record = Plant;
 }
 
 impl From<Plant> for PlantView {
@@ -125,9 +129,7 @@ pub async fn create(
 ) -> ApiResult<Response> {
     let new = NewPlant { name: checks::name(&body.value.name, "/name")?, model: model(&body.value.model, "/model")? };
     let made = state.store.create_plant(study, new, idempotency.key(&body.bytes).as_ref()).await?;
-    let view = PlantView::from(made.clone().into_inner());
-    let response = etag::tagged(StatusCode::CREATED, &view)?;
-    Ok(mark(created(response, format!("/v1/plants/{}", view.id)), &made))
+    named::made::<PlantView>(&made, "/v1/plants")
 }
 
 /// Lists the plants of a study.
@@ -142,7 +144,6 @@ pub async fn list(
     Params(page): Params<PageQuery>,
 ) -> ApiResult<Response> {
     let pager = Pager::new(&uri, page)?;
-    state.store.study(study).await?;
     let rows = state.store.plants(study, pager.page()).await?;
     pager.answer(&headers, rows, |plant| plant.id.0, PlantView::from)
 }
@@ -150,13 +151,8 @@ pub async fn list(
 /// Reads a plant.
 #[utoipa::path(get, path = "/v1/plants/{plant}", tag = "plants", operation_id = "read_plant",
     params(PlantPath, IfNoneMatch), responses((status = 200, description = "The plant.", body = PlantView)))]
-pub async fn read(
-    State(state): State<AppState>,
-    Id(id): Id<PlantId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    etag::conditional(&headers, &PlantView::from(state.store.plant(id).await?))
+pub async fn read(plant: Named<PlantView>) -> ApiResult<Response> {
+    plant.read().await
 }
 
 /// Renames a plant. Its model cannot be changed; add another plant instead.
@@ -165,42 +161,15 @@ pub async fn read(
     request_body(content((PlantPatchBody = "application/merge-patch+json"), (PlantPatchBody = "application/json"))),
     responses((status = 200, description = "The plant as it is now.", body = PlantView),
         (status = 409, description = "Another plant of the study has this name.")))]
-pub async fn patch(
-    State(state): State<AppState>,
-    Id(id): Id<PlantId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-    MergePatch(body): MergePatch<PlantPatchBody>,
-) -> ApiResult<Response> {
-    let name = body.name.map(|name| checks::name(&name, "/name")).transpose()?;
-    let if_match = insisted(&state, id, &headers).await?;
-    let plant = match name {
-        Some(name) => state.store.rename_plant(id, &name, if_match).await?,
-        None => state.store.plant(id).await?,
-    };
-    etag::tagged(StatusCode::OK, &PlantView::from(plant))
+pub async fn patch(plant: Named<PlantView>, MergePatch(body): MergePatch<PlantPatchBody>) -> ApiResult<Response> {
+    let patch = PlantPatch { name: body.name.map(|name| checks::name(&name, "/name")).transpose()? };
+    plant.change(patch).await
 }
 
 /// Deletes a plant; refused while trials were recorded on it.
 #[utoipa::path(delete, path = "/v1/plants/{plant}", tag = "plants", operation_id = "delete_plant",
     params(PlantPath, IfMatch), responses((status = 204, description = "It is gone."),
         (status = 409, description = "Trials were recorded on it.")))]
-pub async fn delete(
-    State(state): State<AppState>,
-    Id(id): Id<PlantId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    let if_match = insisted(&state, id, &headers).await?;
-    state.store.delete_plant(id, if_match).await?;
-    Ok(no_content())
-}
-
-async fn insisted(state: &AppState, id: PlantId, headers: &HeaderMap) -> ApiResult<Option<i64>> {
-    if !etag::is_conditional(headers) {
-        return Ok(None);
-    }
-    let plant = state.store.plant(id).await?;
-    let version = plant.version;
-    etag::insist(headers, &PlantView::from(plant), version)
+pub async fn delete(plant: Named<PlantView>) -> ApiResult<Response> {
+    plant.delete().await
 }

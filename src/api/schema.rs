@@ -150,12 +150,43 @@ pub(super) fn components() -> Map<String, Value> {
     requests(&mut read);
     let mut all = written.take_definitions(true);
     all.extend(read.take_definitions(true));
-    for schema in all.values_mut() {
+    for (name, schema) in &mut all {
         if let Ok(schema) = <&mut Schema>::try_from(schema) {
             RecursiveTransform(plain).transform(schema);
+            name_alternatives(name, schema);
         }
     }
     all
+}
+
+/// Gives each alternative that has no name one: that of the type, with that of its only member or of its form.
+fn name_alternatives(name: &str, schema: &mut Schema) {
+    for key in ["oneOf", "anyOf"] {
+        let Some(Value::Array(choices)) = schema.get_mut(key) else { continue };
+        for choice in choices.iter_mut().filter_map(Value::as_object_mut) {
+            if choice.contains_key("$ref") || choice.contains_key("title") {
+                continue;
+            }
+            let members = choice.get("properties").and_then(Value::as_object);
+            let ending =
+                match (members.and_then(|members| members.keys().next()), choice.get("type").and_then(Value::as_str)) {
+                    (Some(member), _) => capitalised(member),
+                    (None, Some("array")) => "List".to_owned(),
+                    (None, Some("string")) => "Name".to_owned(),
+                    (None, Some("number" | "integer")) => "Number".to_owned(),
+                    (None, Some("null")) => continue,
+                    (None, _) => "Value".to_owned(),
+                };
+            choice.insert("title".to_owned(), json!(format!("{name}{ending}")));
+        }
+    }
+}
+
+/// `FrequencyHz` for `frequency_hz`.
+fn capitalised(name: &str) -> String {
+    let capital =
+        |word: &str| word.chars().next().map(|c| c.to_uppercase().collect::<String>() + &word[c.len_utf8()..]);
+    name.split('_').filter_map(capital).collect()
 }
 
 /// Writes schemas as generators of clients understand them best.
@@ -169,34 +200,41 @@ fn plain(schema: &mut Schema) {
     }
 }
 
-/// A choice of words is an enumeration, with what each of them means in its description.
+/// Words to choose from are one enumeration, with what each of them means in its description.
 fn words(schema: &mut Schema) {
     let Some(Value::Array(choices)) = schema.get("oneOf") else { return };
     let word = |choice: &Value| {
         let word = choice.get("const")?.as_str()?.to_owned();
         let meaning = choice.get("description").and_then(Value::as_str).unwrap_or_default();
-        Some((word.clone(), format!("- `{word}`: {}", meaning.replace('\n', " "))))
+        Some(vec![(word.clone(), format!("- `{word}`: {}", meaning.replace('\n', " ")))])
     };
-    let mut named = Vec::new();
+    // Words that are not explained come as one enumeration.
+    let plain = |choice: &Value| {
+        let words = choice.get("enum")?.as_array()?.iter().filter_map(Value::as_str);
+        Some(words.map(|word| (word.to_owned(), format!("- `{word}`"))).collect())
+    };
+    let (mut words, mut others) = (Vec::new(), Vec::new());
     for choice in choices {
-        match (word(choice), choice.get("enum").and_then(Value::as_array)) {
-            (Some(word), _) => named.push(word),
-            (None, Some(words)) => {
-                named.extend(
-                    words
-                        .iter()
-                        .filter_map(|word| Some((word.as_str()?.to_owned(), format!("- `{}`", word.as_str()?)))),
-                );
-            }
-            (None, None) => return,
+        match word(choice).or_else(|| plain(choice)) {
+            Some(found) => words.extend::<Vec<(String, String)>>(found),
+            None => others.push(choice.clone()),
         }
     }
-    let (words, meanings): (Vec<String>, Vec<String>) = named.into_iter().unzip();
-    let before =
-        schema.get("description").and_then(Value::as_str).map(|text| format!("{text}\n\n")).unwrap_or_default();
-    let description = format!("{before}{}", meanings.join("\n"));
-    schema.remove("oneOf");
-    schema.insert("type".to_owned(), json!("string"));
-    schema.insert("enum".to_owned(), json!(words));
-    schema.insert("description".to_owned(), json!(description));
+    if words.is_empty() {
+        return;
+    }
+    let (words, meanings): (Vec<String>, Vec<String>) = words.into_iter().unzip();
+    let meanings = meanings.join("\n");
+    let mut named = json!({"type": "string", "enum": words, "description": meanings});
+    if others.is_empty() {
+        let before = schema.get("description").and_then(Value::as_str).map(|text| format!("{text}\n\n"));
+        named["description"] = json!(format!("{}{meanings}", before.unwrap_or_default()));
+        schema.remove("oneOf");
+        for (key, value) in named.as_object().into_iter().flatten() {
+            schema.insert(key.clone(), value.clone());
+        }
+    } else {
+        others.insert(0, named);
+        schema.insert("oneOf".to_owned(), json!(others));
+    }
 }

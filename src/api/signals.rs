@@ -2,11 +2,11 @@
 
 use super::etag::{ETag, IfNoneMatch, is_known, not_modified};
 use super::extract::{Id, Params, header_text};
-use super::problem::ApiResult;
+use super::problem::{ApiResult, RequestCode};
 use super::state::AppState;
 use super::trials::TrialPath;
+use crate::analysis::Problem;
 use crate::analysis::ids::TrialId;
-use crate::analysis::{Code, Problem};
 use crate::trial::{Trial, write};
 use axum::body::{Body, Bytes};
 use axum::extract::State;
@@ -64,7 +64,7 @@ pub struct AcceptSignals {
 }
 
 /// The format that the client likes best.
-fn negotiate(headers: &HeaderMap) -> Result<Format, Problem> {
+fn negotiate(headers: &HeaderMap) -> Result<Format, Problem<RequestCode>> {
     let values: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
     let accept = values.join(",");
     if accept.trim().is_empty() {
@@ -93,7 +93,7 @@ fn negotiate(headers: &HeaderMap) -> Result<Format, Problem> {
     let json = quality("application/*", "application/json");
     match (csv, json) {
         (csv, json) if csv <= 0.0 && json <= 0.0 => Err(Problem::new(
-            Code::NotAcceptable,
+            RequestCode::NotAcceptable,
             "not acceptable",
             format!("signals cannot be written as '{}'", header_text(headers, &header::ACCEPT)),
         )
@@ -196,7 +196,7 @@ mod tests {
             assert_eq!(choose(json).unwrap(), Format::Json, "{json}");
         }
         for bad in ["text/html", "*/*;q=0", "text/csv;q=0", "image/png, application/xml", "nonsense"] {
-            assert_eq!(choose(bad).unwrap_err().code, Code::NotAcceptable, "{bad}");
+            assert_eq!(choose(bad).unwrap_err().code, RequestCode::NotAcceptable, "{bad}");
         }
     }
 }

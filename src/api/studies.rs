@@ -2,17 +2,17 @@
 
 use super::checks::{self, NAME_PATTERN, TEXT_PATTERN};
 use super::cursor::{PageQuery, Pager};
-use super::etag::{self, IfMatch, IfNoneMatch};
-use super::extract::{Id, Json, MergePatch, Params, or_default, present};
-use super::idempotency::{Idempotency, IdempotencyHeader, mark};
+use super::etag::{IfMatch, IfNoneMatch};
+use super::extract::{Json, MergePatch, Params, or_default, present};
+use super::idempotency::{Idempotency, IdempotencyHeader};
+use super::named::{self, Named, View};
 use super::problem::ApiResult;
 use super::schema::{StudyList, Timestamp};
 use super::state::AppState;
-use super::{created, no_content};
 use crate::analysis::ids::StudyId;
-use crate::store::{Created, NewStudy, Study, StudyPatch};
+use crate::store::{NewStudy, Study, StudyPatch};
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -36,6 +36,10 @@ pub struct StudyView {
     #[serde(with = "time::serde::rfc3339")]
     #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
+}
+
+impl View for StudyView {
+    type Record = Study;
 }
 
 impl From<Study> for StudyView {
@@ -107,13 +111,7 @@ pub async fn create(
         display_limit: body.value.display_limit.map(|l| checks::display_limit(l, "/display_limit")).transpose()?,
     };
     let made = state.store.create_study(new, idempotency.key(&body.bytes).as_ref()).await?;
-    answer(made)
-}
-
-fn answer(made: Created<Study>) -> ApiResult<Response> {
-    let view = StudyView::from(made.clone().into_inner());
-    let response = etag::tagged(StatusCode::CREATED, &view)?;
-    Ok(mark(created(response, format!("/v1/studies/{}", view.id)), &made))
+    named::made::<StudyView>(&made, "/v1/studies")
 }
 
 /// Lists studies.
@@ -133,13 +131,8 @@ pub async fn list(
 /// Reads a study.
 #[utoipa::path(get, path = "/v1/studies/{study}", tag = "studies", operation_id = "read_study",
     params(StudyPath, IfNoneMatch), responses((status = 200, description = "The study.", body = StudyView)))]
-pub async fn read(
-    State(state): State<AppState>,
-    Id(id): Id<StudyId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    etag::conditional(&headers, &StudyView::from(state.store.study(id).await?))
+pub async fn read(study: Named<StudyView>) -> ApiResult<Response> {
+    study.read().await
 }
 
 /// Changes a study.
@@ -147,13 +140,7 @@ pub async fn read(
     params(StudyPath, IfMatch),
     request_body(content((StudyPatchBody = "application/merge-patch+json"), (StudyPatchBody = "application/json"))),
     responses((status = 200, description = "The study as it is now.", body = StudyView)))]
-pub async fn patch(
-    State(state): State<AppState>,
-    Id(id): Id<StudyId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-    MergePatch(body): MergePatch<StudyPatchBody>,
-) -> ApiResult<Response> {
+pub async fn patch(study: Named<StudyView>, MergePatch(body): MergePatch<StudyPatchBody>) -> ApiResult<Response> {
     let patch = StudyPatch {
         name: body.name.map(|name| checks::name(&name, "/name")).transpose()?,
         description: body.description.map(|text| checks::description(&text, "/description")).transpose()?,
@@ -162,30 +149,12 @@ pub async fn patch(
             other => other,
         },
     };
-    let if_match = insisted(&state, id, &headers).await?;
-    let study = state.store.patch_study(id, patch, if_match).await?;
-    etag::tagged(StatusCode::OK, &StudyView::from(study))
+    study.change(patch).await
 }
 
 /// Deletes a study with its plants, subjects, trials and analyses, and overwrites what they held.
 #[utoipa::path(delete, path = "/v1/studies/{study}", tag = "studies", operation_id = "delete_study",
     params(StudyPath, IfMatch), responses((status = 204, description = "It is gone.")))]
-pub async fn delete(
-    State(state): State<AppState>,
-    Id(id): Id<StudyId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    let if_match = insisted(&state, id, &headers).await?;
-    state.store.delete_study(id, if_match).await?;
-    Ok(no_content())
-}
-
-async fn insisted(state: &AppState, id: StudyId, headers: &HeaderMap) -> ApiResult<Option<i64>> {
-    if !etag::is_conditional(headers) {
-        return Ok(None);
-    }
-    let study = state.store.study(id).await?;
-    let version = study.version;
-    etag::insist(headers, &StudyView::from(study), version)
+pub async fn delete(study: Named<StudyView>) -> ApiResult<Response> {
+    study.delete().await
 }

@@ -6,7 +6,7 @@ use super::etag::IfNoneMatch;
 use super::extract::{FromQuery, Id, Integer, Json, Params, QueryText, from_value, off_thread};
 use super::idempotency::{Idempotency, IdempotencyHeader};
 use super::learning_inputs::spec_sha256;
-use super::problem::ApiResult;
+use super::problem::{ApiResult, unless_missing};
 use super::state::AppState;
 use super::studies::StudyPath;
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
@@ -251,21 +251,15 @@ async fn checked(state: &AppState, study: StudyId, filter: BulkFilter) -> ApiRes
         return Err(bad("group", format!("no group has more than {MAX_NAME} characters")).into());
     }
     if let Some(id) = subject {
-        match state.store.subject(id).await {
-            Ok(subject) if subject.study == study => {}
-            Ok(_) | Err(crate::store::StoreError::NotFound { .. }) => {
-                return Err(bad("subject", format!("the study has no subject {id}")).into());
-            }
-            Err(other) => return Err(other.into()),
+        let subject = unless_missing(state.store.subject(id).await)?;
+        if subject.is_none_or(|subject| subject.study != study) {
+            return Err(bad("subject", format!("the study has no subject {id}")).into());
         }
     }
     if let Some(id) = plant {
-        match state.store.plant(id).await {
-            Ok(plant) if plant.study == study => {}
-            Ok(_) | Err(crate::store::StoreError::NotFound { .. }) => {
-                return Err(bad("plant", format!("the study has no plant {id}")).into());
-            }
-            Err(other) => return Err(other.into()),
+        let plant = unless_missing(state.store.plant(id).await)?;
+        if plant.is_none_or(|plant| plant.study != study) {
+            return Err(bad("plant", format!("the study has no plant {id}")).into());
         }
     }
     if let (Some(from), Some(to)) = (number_from, number_to)

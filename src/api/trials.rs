@@ -1,9 +1,9 @@
 //! Trials without their signals.
 
 use super::cursor::{PageQuery, Pager};
-use super::etag::{self, IfMatch, IfNoneMatch};
+use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{Id, Integer, MergePatch, Params, present};
-use super::no_content;
+use super::named::{Named, View};
 use super::problem::ApiResult;
 use super::schema::{Timestamp, TrialList};
 use super::state::AppState;
@@ -13,7 +13,7 @@ use crate::analysis::{Code, Problem};
 use crate::learning::time_domain::TimeDomainMetrics;
 use crate::store::{TrialPatch, TrialRecord};
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -65,6 +65,10 @@ pub struct TrialMetrics {
     time_domain: Value,
     /// Whether |y| passed the display limit that the study has now.
     divergent: bool,
+}
+
+impl View for TrialView {
+    type Record = TrialRecord;
 }
 
 impl From<TrialRecord> for TrialView {
@@ -134,7 +138,6 @@ pub async fn list(
     Params(page): Params<PageQuery>,
 ) -> ApiResult<Response> {
     let pager = Pager::new(&uri, page)?;
-    state.store.subject(subject).await?;
     let rows = state.store.trials(subject, pager.page()).await?;
     pager.answer(&headers, rows, |trial| trial.id.0, TrialView::from)
 }
@@ -142,13 +145,8 @@ pub async fn list(
 /// Reads a trial: what it is and what was measured in the time domain.
 #[utoipa::path(get, path = "/v1/trials/{trial}", tag = "trials", operation_id = "read_trial",
     params(TrialPath, IfNoneMatch), responses((status = 200, description = "The trial.", body = TrialView)))]
-pub async fn read(
-    State(state): State<AppState>,
-    Id(id): Id<TrialId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    etag::conditional(&headers, &TrialView::from(state.store.trial(id).await?))
+pub async fn read(trial: Named<TrialView>) -> ApiResult<Response> {
+    trial.read().await
 }
 
 /// Changes a trial's number or session.
@@ -157,13 +155,7 @@ pub async fn read(
     request_body(content((TrialPatchBody = "application/merge-patch+json"), (TrialPatchBody = "application/json"))),
     responses((status = 200, description = "The trial as it is now.", body = TrialView),
         (status = 409, description = "Another trial of the subject has this number.")))]
-pub async fn patch(
-    State(state): State<AppState>,
-    Id(id): Id<TrialId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-    MergePatch(body): MergePatch<TrialPatchBody>,
-) -> ApiResult<Response> {
+pub async fn patch(trial: Named<TrialView>, MergePatch(body): MergePatch<TrialPatchBody>) -> ApiResult<Response> {
     let patch = TrialPatch {
         number: body.number.map(|Integer(number)| in_range(number, 1, "/number")).transpose()?,
         session: match body.session {
@@ -172,30 +164,12 @@ pub async fn patch(
             None => None,
         },
     };
-    let if_match = insisted(&state, id, &headers).await?;
-    let trial = state.store.patch_trial(id, patch, if_match).await?;
-    etag::tagged(StatusCode::OK, &TrialView::from(trial))
+    trial.change(patch).await
 }
 
 /// Deletes a trial with its recording and the analyses that used it, and overwrites what they held.
 #[utoipa::path(delete, path = "/v1/trials/{trial}", tag = "trials", operation_id = "delete_trial",
     params(TrialPath, IfMatch), responses((status = 204, description = "It is gone.")))]
-pub async fn delete(
-    State(state): State<AppState>,
-    Id(id): Id<TrialId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    let if_match = insisted(&state, id, &headers).await?;
-    state.store.delete_trial(id, if_match).await?;
-    Ok(no_content())
-}
-
-async fn insisted(state: &AppState, id: TrialId, headers: &HeaderMap) -> ApiResult<Option<i64>> {
-    if !etag::is_conditional(headers) {
-        return Ok(None);
-    }
-    let trial = state.store.trial(id).await?;
-    let version = trial.version;
-    etag::insist(headers, &TrialView::from(trial), version)
+pub async fn delete(trial: Named<TrialView>) -> ApiResult<Response> {
+    trial.delete().await
 }

@@ -185,7 +185,8 @@ impl Model {
     /// The number of states, inputs and outputs of any well-formed model, several inputs and outputs included.
     ///
     /// # Errors
-    /// [`ModelError`] where sizes disagree, rows are ragged, the sample time is not positive, or a coefficient is not finite.
+    /// [`ModelError`] where sizes disagree, rows are ragged, the sample time is not positive, or a coefficient is not
+    /// finite.
     pub fn shape(&self) -> Result<ModelShape, ModelError> {
         fn shape<T: TimeBase>(model: &StateSpace<T>) -> ModelShape {
             ModelShape { states: model.states(), inputs: model.inputs(), outputs: model.outputs() }

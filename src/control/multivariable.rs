@@ -17,7 +17,8 @@ use serde::{Deserialize, Serialize};
 ///
 /// - state space `{"a", "b", "c", "d", "sample_time_s"}`, row-major nested arrays;
 /// - transfer matrix `{"transfer_functions": [[{"num", "den"}, ..], ..], "sample_time_s"}`, one row for each output;
-/// - right matrix fraction `N D⁻¹` as `{"numerator": [[[..], ..], ..], "denominator": [[[..], ..], ..], "sample_time_s"}`, entries in descending powers;
+/// - right matrix fraction `N D⁻¹` as `{"numerator": [[[..], ..], ..], "denominator": [[[..], ..], ..],
+///   "sample_time_s"}`, entries in descending powers;
 /// - transfer function `{"num", "den", "sample_time_s"}`, one input and one output.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[serde(untagged)]
@@ -34,8 +35,9 @@ pub enum MultivariableModel {
 
 /// A matrix of transfer functions as written in JSON.
 ///
-/// Entries of a column that share their denominator (number by number) share its modes; any other two denominators of a column are multiplied,
-/// and modes of different columns are always different ones. Where columns share modes, give state space or a fraction.
+/// Entries of a column that share their denominator (number by number) share its modes; any other two denominators of a
+/// column are multiplied, and modes of different columns are always different ones. Where columns share modes, give
+/// state space or a fraction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TransferMatrixModel {

@@ -8,10 +8,9 @@ use super::proof::{self, Proof};
 use super::space::Space;
 use super::structure::{QSign, Structure, StructureError};
 use super::verdict::{Margin, Units, Verdict, margin, verdict};
-use crate::control::lyapunov::symmetric;
 use crate::convex::lmi::LmiError;
 use crate::ctl::{Ctl, Stopped};
-use crate::num::linalg::NoConvergence;
+use crate::num::linalg::{NoConvergence, symmetric};
 use nalgebra::DMatrix;
 
 /// A forward error above this contradicts a feasible verdict.

@@ -1,8 +1,9 @@
 //! What shows that weights belong to a gain.
 
 use super::gains::Gains;
-use crate::control::lyapunov::{Clock, Lyapunov, symmetric};
+use crate::control::lyapunov::{Clock, Lyapunov};
 use crate::control::riccati::{Riccati, RiccatiError, doubling, sign_function};
+use crate::num::linalg::symmetric;
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 

@@ -1,6 +1,7 @@
 //! What weights mean: directions, shares, and comparison up to the free scale.
 
-use crate::control::lyapunov::{Clock, LinearEquationError, Lyapunov, symmetric};
+use crate::control::lyapunov::{Clock, LinearEquationError, Lyapunov};
+use crate::num::linalg::symmetric;
 use nalgebra::{DMatrix, DVector};
 
 /// A principal axis of a weight.

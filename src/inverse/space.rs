@@ -2,9 +2,9 @@
 
 use super::gains::Gains;
 use super::structure::Structure;
-use crate::control::lyapunov::{Clock, symmetric};
+use crate::control::lyapunov::Clock;
 use crate::convex::svec::{length, smat, svec};
-use crate::num::linalg::{self, NoConvergence};
+use crate::num::linalg::{self, NoConvergence, symmetric};
 use nalgebra::{DMatrix, DVector};
 
 /// Singular values of the equalities below this share of the largest are rounding.

@@ -1,7 +1,7 @@
 //! What is known of the weights beforehand.
 
 use super::gains::LARGEST_ENTRY;
-use crate::control::lyapunov::symmetric;
+use crate::num::linalg::symmetric;
 use nalgebra::DMatrix;
 
 /// Which sign Q must have.

@@ -107,8 +107,8 @@ impl Job {
 
     /// The job after an event.
     ///
-    /// Asking a finished job to be cancelled changes nothing and is no error: the person who asks cannot know how far it
-    /// is. A cancelled job that loses its worker stays cancelled; nobody wants it run again.
+    /// Asking a finished job to be cancelled changes nothing and is no error: the person who asks cannot know how far
+    /// it is. A cancelled job that loses its worker stays cancelled; nobody wants it run again.
     ///
     /// # Errors
     /// [`IllegalTransition`] where the event cannot happen in this status.

@@ -58,6 +58,7 @@ pub struct ResponseStatistics {
 
 /// Gain and phase of one system.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainAndPhase")]
 pub struct Response {
     /// Gain in dB; null where it is zero or infinite.
     pub gain_db: Vec<Option<f64>>,

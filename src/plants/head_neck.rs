@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 /// About which axis the head turns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "HeadAxis")]
 pub enum Axis {
     /// Nodding.
     FlexionExtension,

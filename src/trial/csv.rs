@@ -1,8 +1,9 @@
 //! Trials as CSV (RFC 4180): a header that names the columns, one row per sample.
 //!
 //! The header's `t`, `r`, `u`, `y`, `d` (in either case, in any order) are the signals; a [`ColumnMapping`] gives a
-//! signal another name. Other columns are left out and reported by name. A byte order mark, empty lines at the end, spaces
-//! around a number and either line end are tolerated; comment lines, empty lines between rows and empty cells are not.
+//! signal another name. Other columns are left out and reported by name. A byte order mark, empty lines at the end,
+//! spaces around a number and either line end are tolerated; comment lines, empty lines between rows and empty cells
+//! are not.
 
 use super::error::{Location, ReadError};
 use super::limits::Limits;

@@ -41,18 +41,17 @@ pub trait Responses: Serialize + DeserializeOwned + JsonSchema + Send + Sync {
 /// What an identification starts from: trials, each with its plant, or a plant and frequency data.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[serde(untagged)]
+#[schemars(rename = "TrialsOr{D}")]
 pub enum TrialsOrResponses<D> {
     /// Trials, each with its plant.
-    #[schemars(title = "Trials")]
     Trials(FittedTrials),
     /// A plant and frequency data.
-    #[schemars(title = "Responses")]
     Responses(PlantAndResponses<D>),
 }
 
 /// A plant and frequency data of the loop around it.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[schemars(deny_unknown_fields, rename = "PlantAnd{D}")]
 pub struct PlantAndResponses<D> {
     /// The known plant, from control to output.
     pub plant: Model,

@@ -3,7 +3,7 @@
 use crate::analysis::ids::{PlantId, TrialId};
 use crate::analysis::problem::{Code, Problem};
 use crate::control::Model;
-use crate::identify::search::Shared;
+use crate::identify::search::{KeepNothing, PreparedPools};
 use crate::trial::Trial;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -39,14 +39,20 @@ pub struct StoredTrial {
 }
 
 /// Everything that a request refers to, fetched before the computation starts.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Library {
     /// Trials by id.
     pub trials: BTreeMap<TrialId, Arc<StoredTrial>>,
     /// Plants by id.
     pub plants: BTreeMap<PlantId, Model>,
-    /// What analyses of the same process leave for each other.
-    pub shared: Arc<Shared>,
+    /// Where searches get candidate pools and what they prepare on them: the caller may keep these from one analysis to the next.
+    pub pools: Arc<dyn PreparedPools>,
+}
+
+impl Default for Library {
+    fn default() -> Self {
+        Self { trials: BTreeMap::new(), plants: BTreeMap::new(), pools: Arc::new(KeepNothing) }
+    }
 }
 
 impl Library {

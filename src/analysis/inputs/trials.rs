@@ -15,8 +15,9 @@ use crate::analysis::contract::{Inputs, Part};
 use crate::analysis::ids::TrialId;
 use crate::analysis::problem::Problem;
 use crate::analysis::reading::wrong_inputs as invalid;
-use crate::analysis::report::{hexadecimal, sha256_json};
+use crate::analysis::report::sha256_json;
 use crate::control::Model;
+use crate::num::hexadecimal::hexadecimal;
 use crate::trial::json::TrialDocument;
 use crate::trial::{Limits, Trial, json, pointer, write};
 use schemars::JsonSchema;
@@ -42,10 +43,9 @@ pub enum PlantNeed {
 #[schemars(untagged)]
 pub enum TrialInput {
     /// The id of a stored trial.
-    #[schemars(title = "StoredTrial")]
     Stored(TrialId),
     /// The signals themselves.
-    #[schemars(title = "InlineTrial", with = "TrialDocument")]
+    #[schemars(with = "TrialDocument")]
     Inline(InlineTrial),
 }
 

@@ -112,7 +112,7 @@ impl Analysis for Plan {
             sample_time_s: used.sample_time_s.or(trials.first().map(|t| t.trial().sample_time_s)),
             max_candidates: self.spec.max_candidates,
         };
-        let search = Automatic { method: self.spec.search, shared: &library.shared };
+        let search = Automatic { method: self.spec.search, pools: &*library.pools };
         let found = identify(&plant, &data, &settings, &search, ctl).map_err(|error| match error {
             SsidError::Stopped(stopped) => Failure::Stopped(stopped),
             SsidError::Interrupted(interrupted) => Failure::Interrupted {
@@ -187,7 +187,7 @@ impl Analysis for Plan {
                 noise.as_ref(),
                 repeats.as_ref(),
                 settings.sample_time_s,
-                &library.shared,
+                &*library.pools,
                 ctl,
             )?;
             let own = settings.recipe.structure();

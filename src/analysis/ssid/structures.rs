@@ -7,7 +7,7 @@ use crate::analysis::report::Warning;
 use crate::control::System;
 use crate::ctl::Ctl;
 use crate::identify::refine::{Criteria, RefineError, Refinement, Setup, Start};
-use crate::identify::search::{Automatic, Shared};
+use crate::identify::search::{Automatic, PreparedPools};
 use crate::identify::ssid::{Settings, SsidError, Weights, identify};
 use crate::response::{FrequencyData, RepeatKind, Repeats};
 use schemars::JsonSchema;
@@ -93,7 +93,7 @@ pub(super) fn compare(
     noise: Option<&KnownNoise>,
     repeats: Option<&Repeats>,
     sample_time_s: Option<f64>,
-    shared: &Shared,
+    pools: &dyn PreparedPools,
     ctl: &Ctl,
 ) -> Result<StructureComparison, Failure> {
     let noise = noise.filter(|n| n.degrees_of_freedom >= MANY_DEGREES && data.variance.is_some());
@@ -114,7 +114,7 @@ pub(super) fn compare(
             max_candidates: spec.max_candidates,
         };
         let mut row = StructureRow { degrees, pool_cost: None, criteria: None, reason: None };
-        let search = Automatic { method: spec.search, shared };
+        let search = Automatic { method: spec.search, pools };
         match identify(plant, data, &settings, &search, ctl) {
             Err(SsidError::Stopped(stopped)) => return Err(Failure::Stopped(stopped)),
             // The incumbent of one structure of many is no answer.

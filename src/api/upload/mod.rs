@@ -34,8 +34,8 @@ use utoipa::IntoParams;
 #[derive(Debug, Clone, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct UploadQuery {
-    /// The plant that the trial was recorded on, of the subject's study. Needed unless a form's `metadata` names one for
-    /// each file.
+    /// The plant that the trial was recorded on, of the subject's study. Needed unless a form's `metadata` names one
+    /// for each file.
     #[param(nullable = false)]
     pub plant: Option<PlantId>,
     /// The trial's number; without it, the next free one within the session (the answer says which). Several files of a
@@ -124,8 +124,8 @@ pub struct FileMetadata {
 #[derive(Debug, JsonSchema)]
 #[allow(dead_code, reason = "documents a form")]
 pub struct UploadForm {
-    /// CSV files, or CSV files packed with gzip (their names end in `.gz`). Every part with a file name is one, whatever
-    /// the part's own name.
+    /// CSV files, or CSV files packed with gzip (their names end in `.gz`). Every part with a file name is one,
+    /// whatever the part's own name.
     #[schemars(with = "Vec<String>", extend("format" = "binary"))]
     files: Vec<Vec<u8>>,
     /// What the files do not say themselves, file by file; a part of type `application/json`.
@@ -164,15 +164,15 @@ enum Kind {
 }
 
 impl Kind {
-    fn of(headers: &HeaderMap) -> Result<Self, Problem> {
+    fn of(headers: &HeaderMap) -> ApiResult<Self> {
         match media_type(headers).as_deref() {
             Some("text/csv") => Ok(Self::Csv),
             Some("application/json") => Ok(Self::Json),
             Some("multipart/form-data") => {
                 let text = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
-                files::boundary(text).map(|boundary| Self::Form { boundary })
+                Ok(Self::Form { boundary: files::boundary(text)? })
             }
-            _ => Err(unsupported(headers, "text/csv, application/json or multipart/form-data")),
+            _ => Err(unsupported(headers, "text/csv, application/json or multipart/form-data").into()),
         }
     }
 }

@@ -1,8 +1,9 @@
 //! The misfit of the regulator of (Q, R), with exact first and second derivatives.
 
-use crate::control::lyapunov::{Clock, Lyapunov, symmetric};
-use crate::control::riccati::{Riccati, RiccatiError, RiccatiSolution, solve_symmetric};
+use crate::control::lyapunov::{Clock, Lyapunov};
+use crate::control::riccati::{Riccati, RiccatiError, RiccatiSolution};
 use crate::inverse::gains::Gains;
+use crate::num::linalg::{solve_symmetric, symmetric};
 use nalgebra::{DMatrix, DVector};
 
 /// `f(Q, R) = vec(E)ᵀ M vec(E)` with `E = K(Q, R) − K_e`.

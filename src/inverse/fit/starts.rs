@@ -1,9 +1,10 @@
 //! Where fits start.
 
-use crate::control::lyapunov::{Clock, Lyapunov, symmetric};
+use crate::control::lyapunov::{Clock, Lyapunov};
 use crate::convex::lmi::{self, Block, LmiError, Problem};
 use crate::ctl::Ctl;
 use crate::inverse::gains::Gains;
+use crate::num::linalg::symmetric;
 use crate::num::rng::Stream;
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;

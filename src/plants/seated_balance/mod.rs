@@ -30,6 +30,7 @@ use serde::{Deserialize, Serialize};
 
 /// What moves the seat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "SeatedBalanceDrive")]
 #[serde(rename_all = "snake_case")]
 pub enum Drive {
     /// A torque u in N m about the pivot, beside the virtual spring k_r and damper c_r (chapter 5). One input.
@@ -40,6 +41,7 @@ pub enum Drive {
 
 /// What is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "SeatedBalanceOutput")]
 #[serde(rename_all = "snake_case")]
 pub enum Output {
     /// α₁, rad.

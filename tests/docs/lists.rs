@@ -1,0 +1,122 @@
+//! Lists of the documentation that stand in the program as well: problems and settings.
+
+use crate::{pages, root};
+use std::collections::BTreeSet;
+use std::process::Command;
+use syn::visit::Visit;
+
+fn page(name: &str) -> String {
+    pages().into_iter().find(|page| page.name == name).unwrap_or_else(|| panic!("there is no {name}")).text
+}
+
+/// The first cell of every row of the tables in a section, without its backticks.
+fn first_cells(text: &str, section: &str) -> BTreeSet<String> {
+    let begin = text.find(&format!("\n## {section}\n")).unwrap_or_else(|| panic!("there is no section {section}"));
+    let rest = &text[begin + 4..];
+    let section = &rest[..rest.find("\n## ").unwrap_or(rest.len())];
+    section
+        .lines()
+        .filter_map(|line| line.strip_prefix("| `")?.split_once('`').map(|(cell, _)| cell.to_owned()))
+        .collect()
+}
+
+/// The names on the wire in `Code::name`.
+#[test]
+fn every_problem_is_listed() {
+    #[derive(Default)]
+    struct Names(BTreeSet<String>);
+    impl<'ast> Visit<'ast> for Names {
+        /// Comments are attributes with a literal.
+        fn visit_attribute(&mut self, _: &'ast syn::Attribute) {}
+        fn visit_impl_item_fn(&mut self, item: &'ast syn::ImplItemFn) {
+            if item.sig.ident == "name" {
+                syn::visit::visit_impl_item_fn(self, item);
+            }
+        }
+        fn visit_lit_str(&mut self, text: &'ast syn::LitStr) {
+            self.0.insert(text.value());
+        }
+    }
+    let text = std::fs::read_to_string(root().join("src/analysis/problem.rs")).unwrap();
+    let mut names = Names::default();
+    for item in syn::parse_file(&text).unwrap().items {
+        if let syn::Item::Impl(item) = &item
+            && matches!(&*item.self_ty, syn::Type::Path(path) if path.path.is_ident("Code"))
+        {
+            names.visit_item_impl(item);
+        }
+    }
+    assert!(names.0.len() >= 15, "{:?}", names.0);
+    assert_eq!(names.0, first_cells(&page("docs/api.md"), "Problems"));
+}
+
+fn help(words: &[&str]) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_volition")).arg("help").args(words).output().unwrap();
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// The flags of `serve`, `worker` and `migrate`, with the variables that stand in for them.
+#[test]
+fn every_setting_is_listed() {
+    let mut settings = BTreeSet::new();
+    for command in ["serve", "worker", "migrate"] {
+        let mut flag = String::new();
+        for line in help(&[command]).lines() {
+            let line = line.trim();
+            if let Some(name) = line.strip_prefix("--") {
+                flag = format!("--{}", name.split(' ').next().unwrap());
+            } else if let Some(variable) = line.strip_prefix("[env: ").and_then(|rest| rest.split_once('=')) {
+                settings.insert((flag.clone(), variable.0.to_owned()));
+            }
+        }
+    }
+    assert!(settings.len() >= 12, "{settings:?}");
+    let text = page("docs/administration.md");
+    let mut listed = BTreeSet::new();
+    for line in text.lines().filter(|line| line.starts_with("| `--")) {
+        let cells: Vec<&str> = line.split('|').map(|cell| cell.trim().trim_matches('`')).collect();
+        if cells.get(2).is_some_and(|variable| variable.starts_with("VOLITION_")) {
+            listed.insert((cells[1].to_owned(), cells[2].to_owned()));
+        }
+    }
+    assert_eq!(settings, listed);
+}
+
+/// The commands of the program.
+#[test]
+fn every_command_is_listed() {
+    let text = help(&[]);
+    let commands = text.split("Commands:\n").nth(1).unwrap().split("\n\n").next().unwrap();
+    let commands: BTreeSet<String> = commands
+        .lines()
+        .filter_map(|line| line.split_whitespace().next())
+        .filter(|name| *name != "help")
+        .map(str::to_owned)
+        .collect();
+    assert_eq!(commands, first_cells(&page("docs/administration.md"), "Commands"));
+}
+
+/// The constants of `docs/numerics.md` have the values that it gives.
+#[test]
+fn every_tolerance_is_the_one_in_the_code() {
+    let mut rows = 0;
+    for line in page("docs/numerics.md").lines() {
+        let cells: Vec<&str> = line.split('|').map(|cell| cell.trim().trim_matches('`')).collect();
+        let [_, file, name, value, ..] = cells.as_slice() else { continue };
+        if !file.ends_with(".rs") {
+            continue;
+        }
+        rows += 1;
+        let text = std::fs::read_to_string(root().join("src").join(file)).unwrap_or_else(|e| panic!("{file}: {e}"));
+        let found = syn::parse_file(&text).unwrap().items.into_iter().find_map(|item| match item {
+            syn::Item::Const(item) if item.ident == name => {
+                let begin = text.find(&format!("const {name}:"))?;
+                let rest = text[begin..].split_once('=')?.1;
+                Some(rest.split_once(';')?.0.trim().replace('_', ""))
+            }
+            _ => None,
+        });
+        assert_eq!(found.as_deref(), Some(*value), "{name} in src/{file}");
+    }
+    assert!(rows > 20, "{rows}");
+}
