@@ -4,10 +4,11 @@ use super::problems;
 use super::written::{Trajectory, WrittenMatrix};
 use crate::analysis::problem::Problem;
 use crate::analysis::reading::wrong_inputs as wrong;
-use crate::control::lyapunov::{Clock, symmetric};
+use crate::control::lyapunov::Clock;
 use crate::control::riccati::SYMMETRY;
 use crate::inverse::Gains;
 use crate::inverse::gains::LARGEST_ENTRY;
+use crate::num::linalg::symmetric;
 use nalgebra::DMatrix;
 
 /// Rows of a trajectory at most.
