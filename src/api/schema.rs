@@ -1,7 +1,7 @@
 //! The schemas of bodies: made by schemars from the types that serde reads and writes, and named for the routes.
 //!
-//! Types of requests are described as they are read (a field with a default may be left out), types of answers as they are written; a type
-//! of both is described as it is read, which what is written keeps to as well.
+//! Types of requests are described as they are read (a field with a default may be left out), types of answers as they
+//! are written; a type of both is described as it is read, which what is written keeps to as well.
 
 use super::analyses::AnalysisView;
 use super::cursor::List;
@@ -191,12 +191,29 @@ fn capitalised(name: &str) -> String {
 
 /// Writes schemas as generators of clients understand them best.
 fn plain(schema: &mut Schema) {
+    describe_members(schema);
     words(schema);
     if schema.get("type").is_some_and(|kind| kind == "object")
         && schema.get("properties").is_none()
         && schema.get("additionalProperties").is_none()
     {
         schema.insert("additionalProperties".to_owned(), json!(true));
+    }
+}
+
+/// The constant or the only member that tells an alternative from the others says what it is, where it says nothing
+/// itself.
+fn describe_members(schema: &mut Schema) {
+    let Some(Value::Array(choices)) = schema.get_mut("oneOf") else { return };
+    for choice in choices {
+        let Some(text) = choice.get("description").cloned() else { continue };
+        let Some(Value::Object(members)) = choice.get_mut("properties") else { continue };
+        let is_alone = members.len() == 1;
+        for member in members.values_mut().filter_map(Value::as_object_mut) {
+            if is_alone || member.contains_key("const") {
+                member.entry("description").or_insert_with(|| text.clone());
+            }
+        }
     }
 }
 
