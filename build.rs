@@ -1,10 +1,11 @@
-//! Names the code that makes pools and trees, so that trees which other code left on disk are not taken for those of this program.
+//! Names the code that makes pools and trees, so that trees which other code left on disk are not taken for those of
+//! this program.
 #![allow(clippy::print_stdout)]
 
 use std::path::{Path, PathBuf};
 
 /// What pools and trees depend on.
-const FOLDERS: [&str; 3] = ["src/control", "src/identify", "src/num"];
+const FOLDERS: [&str; 4] = ["src/cache", "src/control", "src/identify", "src/num"];
 
 /// The versions of the crates that they compute with.
 const LOCK: &str = "Cargo.lock";

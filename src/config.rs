@@ -1,8 +1,7 @@
 //! Settings as given (flags, or environment variables of the same names) and their checks.
 
-use crate::analysis::Shared;
 use crate::api::Limits;
-use crate::worker::{Folder, WorkerSettings};
+use crate::worker::{Folder, PoolMemo, WorkerSettings};
 use clap::Args;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -22,8 +21,8 @@ pub struct DatabaseArgs {
 /// Where pools and trees, which trials share, wait for the next process.
 #[derive(Debug, Clone, Args)]
 pub struct CacheArgs {
-    /// Folder for pools and trees; made if it does not exist, and may be deleted at any time. Where there is a database file, it is
-    /// FILE.cache by default.
+    /// Folder for pools and trees; made if it does not exist, and may be deleted at any time. Where there is a database
+    /// file, it is FILE.cache by default.
     #[arg(long, value_name = "FOLDER", env = "VOLITION_CACHE")]
     pub cache: Option<PathBuf>,
     /// Largest size of that folder, in GiB; what was not used for longest goes first. 0: nothing is kept.
@@ -93,16 +92,17 @@ impl Default for CacheArgs {
 }
 
 impl CacheArgs {
-    /// What analyses share, with a folder to keep it in if there is one: that which was asked for, or one beside the database.
+    /// The pools that analyses share, with a folder to keep them in if there is one: that which was asked for, or one
+    /// beside the database.
     #[must_use]
-    pub fn shared(&self, database: Option<&Path>) -> Arc<Shared> {
+    pub fn pools(&self, database: Option<&Path>) -> Arc<PoolMemo> {
         let most_bytes = (self.cache_gib * f64::from(1 << 30)) as u64;
         // A variable that is set to nothing asks for nothing.
         let asked = self.cache.clone().filter(|folder| !folder.as_os_str().is_empty());
         let folder = asked.or_else(|| database.map(beside));
         Arc::new(match folder.filter(|_| most_bytes > 0) {
-            Some(folder) => Shared::with_shelf(Arc::new(Folder::new(folder, most_bytes))),
-            None => Shared::default(),
+            Some(folder) => PoolMemo::with_store(Arc::new(Folder::new(folder, most_bytes))),
+            None => PoolMemo::default(),
         })
     }
 }

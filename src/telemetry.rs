@@ -3,7 +3,7 @@
 //! Field names are fixed: `analysis`, `study`, `trial` (ids), `attempt`, `worker`, `elapsed_s`, `status`, `method`,
 //! `path`, `request_id`, `file`, `folder`, `bytes`. Signals, subject codes and attributes are never logged.
 
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
@@ -16,9 +16,10 @@ pub enum LogFormat {
     Json,
 }
 
-/// Starts logging for the process. `VOLITION_LOG` chooses what is logged (default `info`; `tracing`'s filter syntax).
+/// Starts logging for the process. `VOLITION_LOG` chooses what is logged: a level, or levels by target (`info,volition::api=debug`).
 pub fn start(format: LogFormat, default_level: &str) {
-    let filter = EnvFilter::try_from_env("VOLITION_LOG").unwrap_or_else(|_| EnvFilter::new(default_level));
+    let asked = std::env::var("VOLITION_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+    let filter = asked.unwrap_or_else(|| default_level.parse().unwrap_or_default());
     let registry = tracing_subscriber::registry().with(filter);
     let started = match format {
         LogFormat::Text => registry.with(tracing_subscriber::fmt::layer().with_writer(std::io::stderr)).try_init(),

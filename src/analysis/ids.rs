@@ -1,17 +1,17 @@
 //! Identifiers of stored things: UUIDs, version 7, so that they sort by age.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
-use utoipa::ToSchema;
 use uuid::Uuid;
 
 macro_rules! identifiers {
     ($($(#[$doc:meta])* $name:ident;)*) => {$(
         $(#[$doc])*
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
         #[serde(transparent)]
-        #[schema(value_type = String, format = Uuid)]
+        #[schemars(with = "String", extend("format" = "uuid"))]
         pub struct $name(pub Uuid);
 
         impl fmt::Display for $name {

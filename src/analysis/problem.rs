@@ -1,18 +1,18 @@
 //! What is wrong, where, why, and how to mend it.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use utoipa::ToSchema;
 
 /// What sort of problem it is, stable across versions; clients branch on this and never on the texts.
 ///
 /// Written in `snake_case`, as the last part of the problem's `type`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Code {
-    /// The request cannot be read: broken JSON, CSV, multipart, gzip, header, query or path.
+    /// What was given cannot be read: broken JSON, CSV or gzip.
     Malformed,
-    /// The request can be read, but says something that cannot be done.
+    /// It can be read, but says something that cannot be done.
     Invalid,
     /// Recorded data that no analysis could trust: jitter, gaps, NaN, unequal lengths.
     BadSignal,
@@ -20,16 +20,8 @@ pub enum Code {
     NotFound,
     /// It contradicts something that is stored.
     Conflict,
-    /// The thing changed since it was read (`If-Match`).
-    PreconditionFailed,
-    /// The body, or what it unpacks to, is larger than the server takes.
+    /// What was given, or what it unpacks to, is larger than the limits take.
     TooLarge,
-    /// The body is of a media type or encoding that the route does not take.
-    UnsupportedMediaType,
-    /// None of the media types that the client accepts can be written.
-    NotAcceptable,
-    /// The route exists, the method does not.
-    MethodNotAllowed,
     /// The computation is larger than the limits allow.
     Unaffordable,
     /// The data cannot answer the question: no power at any line, a plant pole on a line.
@@ -40,14 +32,24 @@ pub enum Code {
     WorkerDied,
     /// The time given has passed.
     DeadlineExceeded,
-    /// The server takes no more work at the moment.
-    Busy,
     /// A defect of this program, recorded in its log.
     Internal,
 }
 
+/// What sorts of problems are told apart by: [`Code`], and whatever a layer above adds of its own.
+pub trait ProblemCode: Copy {
+    /// The name as it is written.
+    fn name(self) -> &'static str;
+}
+
+impl ProblemCode for Code {
+    fn name(self) -> &'static str {
+        Self::name(self)
+    }
+}
+
 impl Code {
-    /// The name on the wire.
+    /// The name as it is written.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -56,25 +58,21 @@ impl Code {
             Self::BadSignal => "bad_signal",
             Self::NotFound => "not_found",
             Self::Conflict => "conflict",
-            Self::PreconditionFailed => "precondition_failed",
             Self::TooLarge => "too_large",
-            Self::UnsupportedMediaType => "unsupported_media_type",
-            Self::NotAcceptable => "not_acceptable",
-            Self::MethodNotAllowed => "method_not_allowed",
             Self::Unaffordable => "unaffordable",
             Self::NotIdentifiable => "not_identifiable",
             Self::Numerical => "numerical",
             Self::WorkerDied => "worker_died",
             Self::DeadlineExceeded => "deadline_exceeded",
-            Self::Busy => "busy",
             Self::Internal => "internal",
         }
     }
 }
 
-/// A problem, as RFC 9457 writes it (without the HTTP status, which only the API knows).
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct Problem {
+/// A problem, with the members of RFC 9457 that do not depend on how it is handed over.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "Problem")]
+pub struct Problem<C = Code> {
     /// What sort of problem: `urn:volition:problem:` and the code.
     #[serde(rename = "type")]
     pub type_uri: String,
@@ -83,8 +81,8 @@ pub struct Problem {
     /// Why it is wrong, with the values at hand.
     pub detail: String,
     /// The code on its own.
-    pub code: Code,
-    /// Where: a JSON pointer (`/spec/pool`), a column and row (`column y, row 17`), a query parameter, a header.
+    pub code: C,
+    /// Where: a JSON pointer (`/spec/pool`), a column and row (`column y, row 17`).
     #[serde(rename = "where", skip_serializing_if = "Option::is_none", default)]
     pub location: Option<String>,
     /// How to mend it.
@@ -92,10 +90,10 @@ pub struct Problem {
     pub mend: Option<String>,
 }
 
-impl Problem {
+impl<C: ProblemCode> Problem<C> {
     /// A problem with its title and the reason.
     #[must_use]
-    pub fn new(code: Code, title: impl Into<String>, detail: impl Into<String>) -> Self {
+    pub fn new(code: C, title: impl Into<String>, detail: impl Into<String>) -> Self {
         Self {
             type_uri: format!("urn:volition:problem:{}", code.name()),
             title: title.into(),
@@ -121,7 +119,7 @@ impl Problem {
     }
 }
 
-impl fmt::Display for Problem {
+impl<C> fmt::Display for Problem<C> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.title, self.detail)?;
         if let Some(location) = &self.location {
@@ -134,4 +132,4 @@ impl fmt::Display for Problem {
     }
 }
 
-impl std::error::Error for Problem {}
+impl<C: fmt::Debug> std::error::Error for Problem<C> {}

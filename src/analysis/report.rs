@@ -1,13 +1,14 @@
 //! What an analysis answers, and the proof of how it came about.
 
 use super::kind::Kind;
+use crate::num::hexadecimal::hexadecimal;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// Something that a scientist must read before using the result.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Warning {
     /// A stable name, in `snake_case`.
     pub code: String,
@@ -24,12 +25,12 @@ impl Warning {
 }
 
 /// Where a report comes from.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Provenance {
     /// Version of the program.
     pub product_version: String,
     /// The spec as used, with every default filled in.
-    #[schema(value_type = Object)]
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     pub spec: serde_json::Value,
     /// SHA-256 of that spec: reports with equal hashes were computed in the same way.
     pub spec_sha256: String,
@@ -48,7 +49,7 @@ pub struct Provenance {
 }
 
 /// What a search did to prove that its answer is the best.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Effort {
     /// Pairs of clusters of candidates that were bounded from below.
     pub pairs_bounded: u64,
@@ -61,14 +62,13 @@ pub struct Effort {
 }
 
 /// The answer to a [`Request`](super::Request).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// The kind of analysis.
     pub kind: Kind,
     /// Name and version of the result's form, such as `volition.ssid/1`.
     pub schema: String,
     /// The result; its form is documented with the kind.
-    #[schema(value_type = Object)]
     pub result: serde_json::Value,
     /// What must be read before using it.
     pub warnings: Vec<Warning>,
@@ -90,21 +90,7 @@ impl Report {
         inputs_sha256: BTreeMap<String, String>,
         seed: Option<u64>,
     ) -> Self {
-        let schema = format!("volition.{kind}/{version}");
-        Self::with_schema(kind, schema, result, warnings, spec, inputs_sha256, seed)
-    }
-
-    /// [`Report::new`] for a kind whose results have several forms: `schema` names this one.
-    #[must_use]
-    pub fn with_schema(
-        kind: Kind,
-        schema: String,
-        result: serde_json::Value,
-        warnings: Vec<Warning>,
-        spec: serde_json::Value,
-        inputs_sha256: BTreeMap<String, String>,
-        seed: Option<u64>,
-    ) -> Self {
+        let schema = result_schema(kind, version);
         let result_sha256 = sha256_json(&serde_json::json!([kind, schema, result, warnings]));
         let provenance = Provenance {
             product_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -121,19 +107,13 @@ impl Report {
     }
 }
 
+/// Name and version of the form of a kind's result.
+pub(super) fn result_schema(kind: Kind, version: u32) -> String {
+    format!("volition.{kind}/{version}")
+}
+
 /// SHA-256, in hexadecimal, of a JSON value with its keys sorted (`serde_json`'s own map order).
 #[must_use]
 pub fn sha256_json(value: &serde_json::Value) -> String {
     hexadecimal(&Sha256::digest(value.to_string()))
-}
-
-/// Bytes in lower-case hexadecimal.
-#[must_use]
-pub fn hexadecimal(bytes: &[u8]) -> String {
-    use std::fmt::Write as _;
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        // Writing to a String cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }

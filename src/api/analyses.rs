@@ -1,29 +1,33 @@
 //! Analyses: asked for here, computed by workers.
 
-use super::cursor::{List, PageQuery, Pager};
-use super::etag::{self, ETag, IfNoneMatch, is_known, not_modified, tagged_bytes};
+use super::cursor::{PageQuery, Pager};
+use super::etag::{self, IfNoneMatch};
 use super::extract::{FromQuery, Id, Json, Params, QueryText, off_thread};
 use super::idempotency::{Idempotency, IdempotencyHeader, mark};
-use super::problem::ApiResult;
+use super::named::{Named, View};
+use super::problem::{ApiResult, unless_missing};
+use super::schema::{AnalysisList, Timestamp};
 use super::state::AppState;
 use super::{created, no_content};
 use crate::analysis::ids::{AnalysisId, StudyId, TrialId};
 use crate::analysis::report::sha256_json;
-use crate::analysis::{Code, Incumbent, Kind, Plan, Problem, Report, Request};
+use crate::analysis::{Code, Incumbent, Kind, Plan, Problem, Report, Request, registry};
 use crate::ctl::Bracket;
 use crate::jobs::Status;
 use crate::store::{AnalysisFilter, AnalysisRecord, NewAnalysis, StoreError};
+use crate::trial::pointer;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 use time::OffsetDateTime;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// An analysis: what was asked for and where it stands.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Analysis)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Analysis")]
 pub struct AnalysisView {
     id: AnalysisId,
     kind: Kind,
@@ -35,54 +39,52 @@ pub struct AnalysisView {
     cancel_requested: bool,
     /// What went wrong; only where the status is `failed`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
     problem: Option<Problem>,
     /// The study of its inputs; null where the request carries its data itself.
-    #[schema(required = true)]
     study: Option<StudyId>,
     /// The request with every default filled in. Lists leave it out.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
     request: Option<Request>,
     /// SHA-256 of the spec with every default filled in: equal for analyses done in the same way.
     spec_sha256: String,
     /// Counts changes, from 1.
     version: i64,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
     /// When the present or last attempt began.
     #[serde(with = "time::serde::rfc3339::option")]
-    #[schema(required = true)]
+    #[schemars(with = "Option<Timestamp>")]
     started_at: Option<OffsetDateTime>,
     #[serde(with = "time::serde::rfc3339::option")]
-    #[schema(required = true)]
+    #[schemars(with = "Option<Timestamp>")]
     finished_at: Option<OffsetDateTime>,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
     links: AnalysisLinks,
 }
 
 /// How far an analysis is, in units of its own choosing, as of the last word from its worker.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Progress)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Progress")]
 pub struct ProgressView {
     /// Units finished.
     done: u64,
     /// Units in all; 0 while that is not known.
     total: u64,
     /// Seconds left; null while that is not known.
-    #[schema(required = true)]
     eta_s: Option<f64>,
-    /// How near the search for a best candidate is; only while it goes on, and where it was cancelled or its time has passed.
+    /// How near the search for a best candidate is; only while it goes on, and where it was cancelled or its time has
+    /// passed.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
     bracket: Option<BracketView>,
 }
 
-/// Between which two values the smallest cost of a pool lies. An analysis may search several pools, one after another; this is of
-/// the search under way, or of the last one.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Bracket)]
+/// Between which two values the smallest cost of a pool lies. An analysis may search several pools, one after another;
+/// this is of the search under way, or of the last one.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Bracket")]
 pub struct BracketView {
     /// The smallest cost found so far.
     cost: f64,
@@ -94,7 +96,6 @@ pub struct BracketView {
     gap: f64,
     /// That candidate, where the search was stopped.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
     controllers: Option<Incumbent>,
 }
 
@@ -106,7 +107,7 @@ impl BracketView {
 }
 
 /// Where to go on from an analysis.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct AnalysisLinks {
     /// The analysis itself.
     #[serde(rename = "self")]
@@ -119,14 +120,18 @@ pub struct AnalysisLinks {
     cancel: String,
 }
 
-impl AnalysisView {
-    /// With the request.
-    #[must_use]
-    pub fn whole(record: AnalysisRecord) -> Self {
+impl View for AnalysisView {
+    type Record = AnalysisRecord;
+}
+
+impl From<AnalysisRecord> for AnalysisView {
+    fn from(record: AnalysisRecord) -> Self {
         let request = record.request.clone();
         Self { request: Some(request), ..Self::brief(record) }
     }
+}
 
+impl AnalysisView {
     /// Without the request, which may carry data.
     #[must_use]
     pub fn brief(record: AnalysisRecord) -> Self {
@@ -193,7 +198,7 @@ pub struct AnalysisQuery {
 
 impl FromQuery for AnalysisQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
-        let kinds = Kind::ALL.map(Kind::name).join(", ");
+        let kinds = registry::names();
         let statuses = STATUSES.map(Status::name).join(", ");
         Ok(Self {
             study: query.id("study")?,
@@ -233,58 +238,57 @@ fn pointer_to(value: &Value, text: &str, at: &str) -> Option<String> {
         Value::Array(items) => {
             items.iter().enumerate().find_map(|(i, item)| pointer_to(item, text, &format!("{at}/{i}")))
         }
-        Value::Object(fields) => fields.iter().find_map(|(key, item)| pointer_to(item, text, &format!("{at}/{key}"))),
+        Value::Object(fields) => {
+            fields.iter().find_map(|(key, item)| pointer_to(item, text, &pointer::member(at, key)))
+        }
         _ => None,
     }
 }
 
+/// Where the inputs name `id`.
+fn place_of(inputs: &Value, id: &str) -> String {
+    pointer_to(inputs, id, "/inputs").unwrap_or_else(|| "/inputs".to_owned())
+}
+
+fn no_such(noun: &str, id: &str, inputs: &Value) -> Problem {
+    Problem::new(Code::Invalid, format!("no such {noun}"), format!("there is no {noun} {id}")).at(place_of(inputs, id))
+}
+
 /// The study that everything referred to is of; `None` where nothing is.
 async fn study_of(state: &AppState, new: &NewAnalysis, inputs: &Value) -> ApiResult<Option<StudyId>> {
-    let missing = |noun: &str, id: String| {
-        let place = pointer_to(inputs, &id, "/inputs").unwrap_or_else(|| "/inputs".to_owned());
-        Problem::new(Code::Invalid, format!("no such {noun}"), format!("there is no {noun} {id}"))
-            .at(place)
-            .mend("Check the id; it may have been deleted.")
-    };
+    let missing = |noun: &str, id: &str| no_such(noun, id, inputs).mend("Check the id; it may have been deleted.");
     let mut found: Option<(StudyId, String)> = None;
     let mut join = |study: StudyId, id: String| match &found {
-        Some((first, other)) if *first != study => {
-            let place = pointer_to(inputs, &id, "/inputs").unwrap_or_else(|| "/inputs".to_owned());
-            Err(Problem::new(
-                Code::Invalid,
-                "inputs of several studies",
-                format!("{id} is of study {study}, {other} of study {first}"),
-            )
-            .at(place)
-            .mend("Name inputs of one study only."))
-        }
+        Some((first, other)) if *first != study => Err(Problem::new(
+            Code::Invalid,
+            "inputs of several studies",
+            format!("{id} is of study {study}, {other} of study {first}"),
+        )
+        .at(place_of(inputs, &id))
+        .mend("Name inputs of one study only.")),
         Some(_) => Ok(()),
         None => {
             found = Some((study, id));
             Ok(())
         }
     };
-    for id in &new.trials {
-        match state.store.trial(*id).await {
-            Ok(trial) => join(trial.study, id.to_string())?,
-            Err(StoreError::NotFound { .. }) => return Err(missing("trial", id.to_string()).into()),
-            Err(other) => return Err(other.into()),
-        }
+    for trial in &new.trials {
+        let id = trial.to_string();
+        let record = unless_missing(state.store.trial(*trial).await)?.ok_or_else(|| missing("trial", &id))?;
+        join(record.study, id)?;
     }
-    for id in &new.plants {
-        match state.store.plant(*id).await {
-            Ok(plant) => join(plant.study, id.to_string())?,
-            Err(StoreError::NotFound { .. }) => return Err(missing("plant", id.to_string()).into()),
-            Err(other) => return Err(other.into()),
-        }
+    for plant in &new.plants {
+        let id = plant.to_string();
+        let record = unless_missing(state.store.plant(*plant).await)?.ok_or_else(|| missing("plant", &id))?;
+        join(record.study, id)?;
     }
     Ok(found.map(|(study, _)| study))
 }
 
 /// Queues an analysis.
 ///
-/// `inputs` names stored trials and plants by id, or carries the data itself; `spec` says how it is computed. Both depend
-/// on the kind.
+/// `inputs` names stored trials and plants by id, or carries the data itself; `spec` says how it is computed. Both
+/// depend on the kind.
 #[utoipa::path(post, path = "/v1/analyses", tag = "analyses", operation_id = "create_analysis",
     params(IdempotencyHeader),
     request_body(content = Request, example = json!({
@@ -307,14 +311,10 @@ pub async fn create(
     new.study = study_of(&state, &new, &inputs).await?;
     let made = match state.store.create_analysis(new, key.as_ref()).await {
         // Deleted between the look above and the write.
-        Err(StoreError::NotFound { noun, id }) => {
-            let place = pointer_to(&inputs, &id, "/inputs").unwrap_or_else(|| "/inputs".to_owned());
-            let detail = format!("there is no {noun} {id}");
-            return Err(Problem::new(Code::Invalid, format!("no such {noun}"), detail).at(place).into());
-        }
+        Err(StoreError::NotFound { noun, id }) => return Err(no_such(noun, &id, &inputs).into()),
         other => other?,
     };
-    let view = AnalysisView::whole(made.clone().into_inner());
+    let view = AnalysisView::from(made.clone().into_inner());
     let location = view.links.itself.clone();
     Ok(mark(created(etag::tagged(StatusCode::ACCEPTED, &view)?, location), &made))
 }
@@ -322,7 +322,7 @@ pub async fn create(
 /// Lists analyses.
 #[utoipa::path(get, path = "/v1/analyses", tag = "analyses", operation_id = "list_analyses",
     params(AnalysisQuery, PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of analyses, without their requests.", body = List<AnalysisView>)))]
+    responses((status = 200, description = "A page of analyses, without their requests.", body = AnalysisList)))]
 pub async fn list(
     State(state): State<AppState>,
     uri: Uri,
@@ -339,13 +339,8 @@ pub async fn list(
 #[utoipa::path(get, path = "/v1/analyses/{analysis}", tag = "analyses", operation_id = "read_analysis",
     params(AnalysisPath, IfNoneMatch),
     responses((status = 200, description = "The analysis.", body = AnalysisView)))]
-pub async fn read(
-    State(state): State<AppState>,
-    Id(id): Id<AnalysisId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    etag::conditional(&headers, &AnalysisView::whole(state.store.analysis(id).await?))
+pub async fn read(analysis: Named<AnalysisView>) -> ApiResult<Response> {
+    analysis.read().await
 }
 
 /// The report's text, or why there is none.
@@ -375,12 +370,7 @@ pub async fn report(
     headers: HeaderMap,
 ) -> ApiResult<Response> {
     let text = report_text(&state, id).await?;
-    let bytes = text.into_bytes();
-    let tag = ETag::of_bytes(&bytes);
-    if is_known(&headers, &tag) {
-        return Ok(not_modified(&tag));
-    }
-    Ok(tagged_bytes(StatusCode::OK, "application/json", &tag, bytes))
+    Ok(etag::conditional_bytes(&headers, "application/json", text.into_bytes()))
 }
 
 /// Cancels an analysis: a queued one at once, a running one within moments. A finished one stays as it is.
@@ -388,25 +378,17 @@ pub async fn report(
     params(AnalysisPath),
     responses((status = 200, description = "It is finished: cancelled now, or finished before.", body = AnalysisView),
         (status = 202, description = "It is running and will stop.", body = AnalysisView)))]
-pub async fn cancel(
-    State(state): State<AppState>,
-    Id(id): Id<AnalysisId>,
-    Params(()): Params<()>,
-) -> ApiResult<Response> {
-    let record = state.store.request_cancel(id).await?;
+pub async fn cancel(analysis: Named<AnalysisView>) -> ApiResult<Response> {
+    let record = analysis.state.store.request_cancel(analysis.id).await?;
     let status = if record.status.is_final() { StatusCode::OK } else { StatusCode::ACCEPTED };
-    etag::tagged(status, &AnalysisView::whole(record))
+    etag::tagged(status, &AnalysisView::from(record))
 }
 
 /// Deletes an analysis with its report. A running one is abandoned.
 #[utoipa::path(delete, path = "/v1/analyses/{analysis}", tag = "analyses", operation_id = "delete_analysis",
     params(AnalysisPath), responses((status = 204, description = "It is gone.")))]
-pub async fn delete(
-    State(state): State<AppState>,
-    Id(id): Id<AnalysisId>,
-    Params(()): Params<()>,
-) -> ApiResult<Response> {
-    state.store.delete_analysis(id).await?;
+pub async fn delete(analysis: Named<AnalysisView>) -> ApiResult<Response> {
+    analysis.state.store.delete::<AnalysisRecord>(analysis.id, None).await?;
     Ok(no_content())
 }
 

@@ -3,14 +3,15 @@
 use super::etag::conditional;
 use super::extract::{FromQuery, QueryText};
 use super::problem::ApiResult;
-use crate::analysis::report::hexadecimal;
 use crate::analysis::{Code, Problem};
+use crate::num::hexadecimal::{self, hexadecimal};
 use crate::store::Page;
 use axum::http::{HeaderMap, HeaderValue, Uri, header};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 use uuid::Uuid;
 
 /// Rows of a page unless asked otherwise.
@@ -48,11 +49,7 @@ impl Cursor {
     }
 
     fn read(text: &str) -> Option<Self> {
-        if text.len() != 42 || !text.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b)) {
-            return None;
-        }
-        let bytes: Vec<u8> =
-            (0..21).map(|i| u8::from_str_radix(&text[2 * i..2 * i + 2], 16)).collect::<Result<_, _>>().ok()?;
+        let bytes: [u8; 21] = hexadecimal::bytes(text)?.try_into().ok()?;
         if bytes[0] != VERSION {
             return None;
         }
@@ -82,12 +79,12 @@ fn not_a_cursor() -> Problem {
 }
 
 /// One page of a list.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "{T}List")]
 pub struct List<T> {
     /// The rows, in the order in which they were made.
     pub items: Vec<T>,
     /// Where the next page starts; null on the last one.
-    #[schema(required = true)]
     pub next_cursor: Option<String>,
 }
 
@@ -189,7 +186,7 @@ mod tests {
         let query = PageQuery { limit: 9, cursor: Some(cursor) };
         assert_eq!(Pager::new(&uri, query).unwrap().page(), Page { after: Some(Uuid::from_u128(7)), limit: 10 });
         for other in ["/v1/analyses?kind=frequency_response", "/v1/analyses", "/v1/studies?kind=ssid"] {
-            assert!(Pager::new(&other.parse().unwrap(), query).is_err(), "{other}");
+            assert_eq!(Pager::new(&other.parse().unwrap(), query).unwrap_err(), not_a_cursor(), "{other}");
         }
         let long = cursor.write();
         for bad in ["", "7", &long[1..], &long.to_uppercase().replace('0', "G"), &long.replacen("01", "02", 1)] {

@@ -1,9 +1,9 @@
 //! Entity tags and the preconditions that use them (RFC 9110, section 13).
 
 use super::extract::header_text;
-use super::problem::ApiResult;
-use crate::analysis::report::hexadecimal;
-use crate::analysis::{Code, Problem};
+use super::problem::{ApiResult, RequestCode};
+use crate::analysis::Problem;
+use crate::num::hexadecimal::hexadecimal;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
@@ -52,8 +52,8 @@ pub struct IfNoneMatch {
 #[into_params(parameter_in = Header)]
 #[allow(dead_code, reason = "documents a header that is read from the header map")]
 pub struct IfMatch {
-    /// The ETag of the state that the change is meant for; where it has changed since, nothing is done and the answer is
-    /// 412.
+    /// The ETag of the state that the change is meant for; where it has changed since, nothing is done and the answer
+    /// is 412.
     #[param(rename = "If-Match", required = false, nullable = false, value_type = Option<String>)]
     if_match: Option<String>,
 }
@@ -77,18 +77,18 @@ pub fn is_known(headers: &HeaderMap, tag: &ETag) -> bool {
     })
 }
 
-/// Whether a change may go ahead on what `current` is at the moment; if it is conditional, the version to insist on.
+/// Whether a change may go ahead on what `current` is at the moment; if it is conditional, the version to require.
 ///
 /// # Errors
 /// A `precondition_failed` problem when `If-Match` names another state (strong comparison).
-pub fn insist<T: Serialize>(headers: &HeaderMap, current: &T, version: i64) -> ApiResult<Option<i64>> {
+pub fn require_match<T: Serialize>(headers: &HeaderMap, current: &T, version: i64) -> ApiResult<Option<i64>> {
     let Some(tags) = listed(headers, &header::IF_MATCH) else { return Ok(None) };
     let tag = ETag::of_bytes(&to_json(current)?);
     if tags.iter().any(|wanted| *wanted == "*" || *wanted == tag.0) {
         return Ok(Some(version));
     }
     Err(Problem::new(
-        Code::PreconditionFailed,
+        RequestCode::PreconditionFailed,
         "changed since it was read",
         format!("its ETag is {} now, and If-Match asks for {}", tag.0, header_text(headers, &header::IF_MATCH)),
     )
@@ -125,12 +125,14 @@ pub fn tagged<T: Serialize>(status: StatusCode, value: &T) -> ApiResult<Response
 /// # Errors
 /// `internal`, if the value cannot be written.
 pub fn conditional<T: Serialize>(headers: &HeaderMap, value: &T) -> ApiResult<Response> {
-    let bytes = to_json(value)?;
+    Ok(conditional_bytes(headers, "application/json", to_json(value)?))
+}
+
+/// Bytes in answer to a conditional read: 304 where the client has them already.
+#[must_use]
+pub fn conditional_bytes(headers: &HeaderMap, media_type: &'static str, bytes: Vec<u8>) -> Response {
     let tag = ETag::of_bytes(&bytes);
-    if is_known(headers, &tag) {
-        return Ok(not_modified(&tag));
-    }
-    Ok(tagged_bytes(StatusCode::OK, "application/json", &tag, bytes))
+    if is_known(headers, &tag) { not_modified(&tag) } else { tagged_bytes(StatusCode::OK, media_type, &tag, bytes) }
 }
 
 /// 304 with the tag.
@@ -169,12 +171,12 @@ mod tests {
             assert!(is_known(&headers(header::IF_NONE_MATCH, &value), &tag), "{value}");
         }
         assert!(!is_known(&headers(header::IF_NONE_MATCH, "\"x\""), &tag));
-        assert_eq!(insist(&HeaderMap::new(), &7, 3).unwrap(), None);
-        assert_eq!(insist(&headers(header::IF_MATCH, &text), &7, 3).unwrap(), Some(3));
-        assert_eq!(insist(&headers(header::IF_MATCH, "*"), &7, 3).unwrap(), Some(3));
+        assert_eq!(require_match(&HeaderMap::new(), &7, 3).unwrap(), None);
+        assert_eq!(require_match(&headers(header::IF_MATCH, &text), &7, 3).unwrap(), Some(3));
+        assert_eq!(require_match(&headers(header::IF_MATCH, "*"), &7, 3).unwrap(), Some(3));
         for value in [format!("W/{text}"), "\"x\"".into(), "nonsense".into()] {
-            let error = insist(&headers(header::IF_MATCH, &value), &7, 3).unwrap_err();
-            assert_eq!(error.problem().code, Code::PreconditionFailed, "{value}");
+            let error = require_match(&headers(header::IF_MATCH, &value), &7, 3).unwrap_err();
+            assert_eq!(error.problem().code, RequestCode::PreconditionFailed.into(), "{value}");
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::analyses::{AnalysisPath, AnalysisView};
 use super::extract::{Id, Params};
-use super::problem::{ApiResult, of_store};
+use super::problem::{ApiError, ApiResult};
 use super::state::AppState;
 use crate::analysis::ids::AnalysisId;
 use crate::analysis::{Code, Problem};
@@ -11,10 +11,10 @@ use axum::extract::State;
 use axum::http::{HeaderValue, header};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::convert::Infallible;
 use std::time::Duration;
-use utoipa::ToSchema;
 
 /// How often the store is asked. Workers may be other processes, so nothing else could tell.
 const INTERVAL: Duration = Duration::from_millis(250);
@@ -23,21 +23,20 @@ const INTERVAL: Duration = Duration::from_millis(250);
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 /// An event of an analysis, as clients read it.
-#[derive(Debug, ToSchema)]
+#[derive(Debug, JsonSchema)]
 #[allow(dead_code, reason = "documents what is streamed")]
 pub struct AnalysisEvent {
     /// `status`, `progress` or `problem`.
     event: String,
     /// Version of the analysis; problems have none.
-    #[schema(nullable = false)]
     id: Option<String>,
     /// JSON: an Analysis, or a Problem.
     data: String,
 }
 
 /// Follows an analysis: an event `status` with the whole analysis at once and whenever its status changes, an event
-/// `progress` whenever it got on. The stream ends when the analysis is finished. Where it was deleted meanwhile, the last
-/// event is `problem`. The ids of events are versions of the analysis.
+/// `progress` whenever it got on. The stream ends when the analysis is finished. Where it was deleted meanwhile, the
+/// last event is `problem`. The ids of events are versions of the analysis.
 #[utoipa::path(get, path = "/v1/analyses/{analysis}/events", tag = "analyses", operation_id = "follow_analysis",
     params(AnalysisPath),
     responses((status = 200, description = "Events `status`, `progress`, `problem`; the data of the first two is an Analysis.",
@@ -66,7 +65,7 @@ pub async fn follow(
                     last = now;
                 }
                 Err(error) => {
-                    yield Ok(named("problem", &of_store(&error)));
+                    yield Ok(named("problem", ApiError::from(error).problem()));
                     break;
                 }
             }
@@ -78,7 +77,7 @@ pub async fn follow(
 }
 
 fn event(name: &str, record: &AnalysisRecord) -> Event {
-    named(name, &AnalysisView::whole(record.clone())).id(record.version.to_string())
+    named(name, &AnalysisView::from(record.clone())).id(record.version.to_string())
 }
 
 fn named<T: Serialize>(name: &str, data: &T) -> Event {

@@ -1,6 +1,6 @@
 //! The outermost layer: names each request, refuses foreign hosts, bounds its time, catches panics, writes problems.
 
-use super::problem::{ApiError, HttpProblem, PROBLEM_JSON, Unwritten, internal, of_status};
+use super::problem::{ApiError, HttpProblem, PROBLEM_JSON, RequestCode, Unwritten, internal, of_status};
 use super::state::{AppState, Hosts};
 use crate::analysis::{Code, Problem};
 use axum::body::{Body, BodyDataStream, Bytes, HttpBody};
@@ -50,7 +50,7 @@ pub(super) async fn fence(State(state): State<AppState>, request: Request, next:
             }
             Err(_) => ApiError::from(
                 Problem::new(
-                    Code::Busy,
+                    RequestCode::Busy,
                     "took too long",
                     format!("the request was not answered within {} s", state.limits.request_timeout.as_secs()),
                 )
@@ -80,7 +80,7 @@ fn write_problem(response: Response, id: Uuid, method: &str, path: &str) -> Resp
     let (mut parts, _) = response.into_parts();
     let problem = match parts.extensions.remove::<Unwritten>() {
         Some(Unwritten(problem)) => *problem,
-        None => of_status(parts.status, method, path),
+        None => of_status(parts.status, method, path).into_problem(),
     };
     let body = HttpProblem::new(problem, parts.status, format!("urn:uuid:{id}"));
     let Ok(bytes) = serde_json::to_vec(&body) else { return StatusCode::INTERNAL_SERVER_ERROR.into_response() };
@@ -258,14 +258,14 @@ mod tests {
         }
         for route in [get(panics), get(panics_elsewhere)] {
             let (status, problem) = through(route).await;
-            assert_eq!((status, problem.code), (500, Code::Internal));
+            assert_eq!((status, problem.code), (500, Code::Internal.into()));
             assert!(!format!("{problem:?}").contains("password"), "what panicked is for the log");
         }
         let (status, problem) = through(get(std::future::pending::<()>)).await;
-        assert_eq!((status, problem.code), (503, Code::Busy));
+        assert_eq!((status, problem.code), (503, RequestCode::Busy.into()));
         let (status, problem) = through(get(async |_: axum::extract::Path<u32>| ())).await;
-        assert_eq!((status, problem.code), (400, Code::Malformed));
+        assert_eq!((status, problem.code), (400, Code::Malformed.into()));
         let (status, problem) = through(axum::routing::post(async || ())).await;
-        assert_eq!((status, problem.code), (405, Code::MethodNotAllowed));
+        assert_eq!((status, problem.code), (405, RequestCode::MethodNotAllowed.into()));
     }
 }

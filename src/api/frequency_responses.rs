@@ -62,8 +62,8 @@ impl FromQuery for ResponseQuery {
     }
 }
 
-/// Mean and standard deviation over each group's subjects of the identified feedforward, feedback, feedforward times plant
-/// and closed loop, frequency by frequency, with trimmed versions.
+/// Mean and standard deviation over each group's subjects of the identified feedforward, feedback, feedforward times
+/// plant and closed loop, frequency by frequency, with trimmed versions.
 #[utoipa::path(get, path = "/v1/studies/{study}/frequency-responses", tag = "learning",
     operation_id = "read_study_frequency_responses",
     params(StudyPath, GroupQuery, CurveQuery, ResponseQuery, IfNoneMatch),

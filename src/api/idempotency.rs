@@ -1,8 +1,8 @@
 //! Keys that make a repeated creation harmless.
 
 use super::problem::{ApiError, ApiResult};
-use crate::analysis::report::hexadecimal;
 use crate::analysis::{Code, Problem};
+use crate::num::hexadecimal::hexadecimal;
 use crate::store::{Created, IdempotencyKey};
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
@@ -23,8 +23,8 @@ const MAX_LENGTH: usize = 255;
 #[into_params(parameter_in = Header)]
 #[allow(dead_code, reason = "documents a header that the extractor reads")]
 pub struct IdempotencyHeader {
-    /// A key of the client's choosing, new for each new request: where the same request comes again with the same key (a
-    /// retry after a lost answer), nothing is made twice, and the answer names what was made the first time.
+    /// A key of the client's choosing, new for each new request: where the same request comes again with the same key
+    /// (a retry after a lost answer), nothing is made twice, and the answer names what was made the first time.
     #[param(rename = "Idempotency-Key", required = false, nullable = false, value_type = Option<String>,
         min_length = 1, max_length = 255, pattern = "^[!-~]+$", example = "upload-s07-trial-12")]
     idempotency_key: Option<String>,

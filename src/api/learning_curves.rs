@@ -30,11 +30,11 @@ impl FromQuery for GroupQuery {
     }
 }
 
-/// The learning curve of a subject, one for each plant it worked with: error and distances from the inverse dynamics over
-/// its trials.
+/// The learning curve of a subject, one for each plant it worked with: error and distances from the inverse dynamics
+/// over its trials.
 ///
-/// Distances come from the newest succeeded `ssid` analysis of each trial with the chosen spec. Divergent trials are named
-/// and left out unless asked for.
+/// Distances come from the newest succeeded `ssid` analysis of each trial with the chosen spec. Divergent trials are
+/// named and left out unless asked for.
 #[utoipa::path(get, path = "/v1/subjects/{subject}/learning-curves", tag = "learning",
     operation_id = "read_subject_learning_curves", params(SubjectPath, CurveQuery, IfNoneMatch),
     responses((status = 200, description = "The curves.", body = SubjectLearningCurve)))]

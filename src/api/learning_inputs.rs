@@ -1,15 +1,16 @@
 //! Gathers from the store what learning curves and mean controllers are made from.
 
 use super::extract::{FromQuery, QueryText, off_thread};
-use super::problem::ApiResult;
+use super::problem::{ApiResult, unless_missing};
 use super::state::AppState;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId};
-use crate::analysis::{Code, Kind, Problem};
+use crate::analysis::{Analysis as _, Code, Problem, ssid};
 use crate::control::discretise::zero_order_hold;
 use crate::control::{Discrete, Model, System};
 use crate::learning::frequency_domain::ControllerMetrics;
 use crate::learning::inputs::{Identification, PlantName, Remark, SubjectInput, TrialInput};
 use crate::learning::{CurveOptions, time_domain::TimeDomainMetrics};
+use crate::num::hexadecimal;
 use crate::store::{Page, Plant, StoreError, Subject, TrialFilter, TrialRecord, TrialReport};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -32,7 +33,8 @@ pub struct CurveQuery {
     /// Whether divergent trials are shown.
     #[param(required = false, default = false)]
     pub include_divergent: bool,
-    /// Show the subsystem identifications with this `spec_sha256`; without it, those with the spec that covers most trials.
+    /// Show the subsystem identifications with this `spec_sha256`; without it, those with the spec that covers most
+    /// trials.
     #[param(nullable = false, pattern = "^[0-9a-f]{64}$")]
     pub spec: Option<String>,
     /// Values dropped at each end in trimmed statistics.
@@ -43,8 +45,7 @@ pub struct CurveQuery {
 /// The parameter `spec`.
 pub(super) fn spec_sha256(query: &mut QueryText) -> Result<Option<String>, Problem> {
     query.one_of("spec", "64 hexadecimal digits", |text| {
-        let is_hash = text.len() == 64 && text.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b));
-        is_hash.then(|| text.to_owned())
+        hexadecimal::bytes(text).filter(|bytes| bytes.len() == 32).map(|_| text.to_owned())
     })
 }
 
@@ -88,13 +89,10 @@ pub(super) async fn gather(
     query: &CurveQuery,
 ) -> ApiResult<Gathered> {
     if let Some(id) = query.plant {
-        match state.store.plant(id).await {
-            Ok(plant) if plant.study == study => {}
-            Ok(_) | Err(StoreError::NotFound { .. }) => {
-                let detail = format!("the study has no plant {id}");
-                return Err(Problem::new(Code::NotFound, "no such plant", detail).at("query parameter plant").into());
-            }
-            Err(other) => return Err(other.into()),
+        let plant = unless_missing(state.store.plant(id).await)?;
+        if plant.is_none_or(|plant| plant.study != study) {
+            let detail = format!("the study has no plant {id}");
+            return Err(Problem::new(Code::NotFound, "no such plant", detail).at("query parameter plant").into());
         }
     }
     let filter = TrialFilter {
@@ -108,7 +106,7 @@ pub(super) async fn gather(
     };
     let trials = state.store.matching_trials(study, &filter).await?;
     let ids: Vec<_> = trials.iter().map(|trial| trial.id).collect();
-    let reports = state.store.reports_of_trials(&ids, Kind::Ssid).await?;
+    let reports = state.store.reports_of_trials(&ids, ssid::Plan::KIND).await?;
     let plants = all(|page| state.store.plants(study, page), |plant| plant.id.0).await?;
     let subjects = match subject {
         Some(subject) => vec![subject],

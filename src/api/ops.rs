@@ -1,19 +1,20 @@
 //! For whoever runs the server: health and metrics.
 
 use super::extract::Params;
-use super::problem::{ApiResult, of_store};
+use super::problem::{ApiResult, RequestCode};
 use super::state::AppState;
-use crate::analysis::{Code, Origins, Problem, Tally};
+use crate::analysis::Problem;
+use crate::cache::{CacheStatistics, Origins};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse, Response};
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
-use utoipa::ToSchema;
 
 /// Upper bounds of the latency histogram, in seconds.
 const BUCKETS_S: [f64; 8] = [0.001, 0.005, 0.025, 0.1, 0.5, 2.5, 10.0, 60.0];
@@ -70,13 +71,13 @@ impl HttpTelemetry {
 }
 
 /// That the server lives.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize, JsonSchema)]
 pub struct Health {
     /// `ok`.
-    #[schema(example = "ok")]
+    #[schemars(example = &"ok")]
     status: &'static str,
     /// Version of the program.
-    #[schema(example = "0.1.0")]
+    #[schemars(example = &"0.1.0")]
     version: &'static str,
 }
 
@@ -97,23 +98,23 @@ pub async fn readyz(State(state): State<AppState>, Params(()): Params<()>) -> Ap
     match state.store.ping().await {
         Ok(()) => Ok(Json(HEALTH)),
         Err(error) => {
-            let _ = of_store(&error);
-            Err(Problem::new(Code::Busy, "not ready", "the database does not answer").into())
+            tracing::error!(%error, "store failed");
+            Err(Problem::new(RequestCode::Busy, "not ready", "the database does not answer").into())
         }
     }
 }
 
 /// How often the worker of this process found what trials share.
-fn write_tally(tally: &Tally, out: &mut String) -> std::fmt::Result {
+fn write_cache(cache: &CacheStatistics, out: &mut String) -> std::fmt::Result {
     const NAME: &str = "volition_shared_total";
     writeln!(
         out,
         "# HELP {NAME} Pools and their trees that analyses of this process needed, by where they came from."
     )?;
     writeln!(out, "# TYPE {NAME} counter")?;
-    for (what, origins) in [("pool", tally.pools), ("trees", tally.trees)] {
-        let Origins { memory, shelf, made } = origins;
-        for (from, count) in [("memory", memory), ("cache", shelf), ("made", made)] {
+    for (what, origins) in [("pool", cache.pools), ("trees", cache.trees)] {
+        let Origins { memory, store, made } = origins;
+        for (from, count) in [("memory", memory), ("cache", store), ("made", made)] {
             writeln!(out, "{NAME}{{what=\"{what}\",from=\"{from}\"}} {count}")?;
         }
     }
@@ -132,7 +133,7 @@ pub async fn metrics(State(state): State<AppState>, Params(()): Params<()>) -> A
         for (status, count) in analyses {
             writeln!(text, "volition_analyses{{status=\"{}\"}} {count}", status.name())?;
         }
-        write_tally(&state.shared.tally(), &mut text)?;
+        write_cache(&state.cache.statistics(), &mut text)?;
         state.telemetry.write(&mut text)
     })();
     if written.is_err() {

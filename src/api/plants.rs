@@ -1,29 +1,31 @@
 //! Plants: what subjects control.
 
-use super::checks;
-use super::cursor::{List, PageQuery, Pager};
-use super::etag::{self, IfMatch, IfNoneMatch};
+use super::checks::{self, NAME_PATTERN};
+use super::cursor::{PageQuery, Pager};
+use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{Id, Json, MergePatch, Params, from_value, present};
-use super::idempotency::{Idempotency, IdempotencyHeader, mark};
+use super::idempotency::{Idempotency, IdempotencyHeader};
+use super::named::{self, Named, View};
 use super::problem::ApiResult;
+use super::schema::{PlantList, Timestamp};
 use super::state::AppState;
 use super::studies::StudyPath;
-use super::{created, no_content};
 use crate::analysis::ids::{PlantId, StudyId};
 use crate::analysis::{Code, Problem};
 use crate::control::Model;
-use crate::store::{NewPlant, Plant};
+use crate::store::{NewPlant, Plant, PlantPatch};
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use time::OffsetDateTime;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// A plant. Its model never changes: results were computed with it.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Plant)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Plant")]
 pub struct PlantView {
     id: PlantId,
     study: StudyId,
@@ -32,9 +34,15 @@ pub struct PlantView {
     /// Counts changes, from 1.
     version: i64,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
+}
+
+impl View for PlantView {
+    type Record = Plant;
 }
 
 impl From<Plant> for PlantView {
@@ -45,35 +53,26 @@ impl From<Plant> for PlantView {
 }
 
 /// A plant to be made.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = NewPlant, example = json!({"name": "gm", "model": {"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}}))]
+#[schemars(rename = "NewPlant", example = serde_json::json!({"name": "gm", "model": {"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}}))]
 pub struct NewPlantBody {
     /// Its name, unique within the study: not blank, without control characters.
-    #[schema(
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     name: String,
     /// Its model: a transfer function with coefficients in descending powers, or state space matrices.
-    #[schema(value_type = Model)]
+    #[schemars(with = "Model")]
     model: Value,
 }
 
 /// Changes to a plant.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = PlantPatch)]
+#[schemars(rename = "PlantPatch")]
 pub struct PlantPatchBody {
     /// A new name.
     #[serde(default, deserialize_with = "present")]
-    #[schema(
-        nullable = false,
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     name: Option<String>,
 }
 
@@ -130,15 +129,13 @@ pub async fn create(
 ) -> ApiResult<Response> {
     let new = NewPlant { name: checks::name(&body.value.name, "/name")?, model: model(&body.value.model, "/model")? };
     let made = state.store.create_plant(study, new, idempotency.key(&body.bytes).as_ref()).await?;
-    let view = PlantView::from(made.clone().into_inner());
-    let response = etag::tagged(StatusCode::CREATED, &view)?;
-    Ok(mark(created(response, format!("/v1/plants/{}", view.id)), &made))
+    named::made::<PlantView>(&made, "/v1/plants")
 }
 
 /// Lists the plants of a study.
 #[utoipa::path(get, path = "/v1/studies/{study}/plants", tag = "plants", operation_id = "list_plants",
     params(StudyPath, PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of plants.", body = List<PlantView>)))]
+    responses((status = 200, description = "A page of plants.", body = PlantList)))]
 pub async fn list(
     State(state): State<AppState>,
     Id(study): Id<StudyId>,
@@ -147,7 +144,6 @@ pub async fn list(
     Params(page): Params<PageQuery>,
 ) -> ApiResult<Response> {
     let pager = Pager::new(&uri, page)?;
-    state.store.study(study).await?;
     let rows = state.store.plants(study, pager.page()).await?;
     pager.answer(&headers, rows, |plant| plant.id.0, PlantView::from)
 }
@@ -155,13 +151,8 @@ pub async fn list(
 /// Reads a plant.
 #[utoipa::path(get, path = "/v1/plants/{plant}", tag = "plants", operation_id = "read_plant",
     params(PlantPath, IfNoneMatch), responses((status = 200, description = "The plant.", body = PlantView)))]
-pub async fn read(
-    State(state): State<AppState>,
-    Id(id): Id<PlantId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    etag::conditional(&headers, &PlantView::from(state.store.plant(id).await?))
+pub async fn read(plant: Named<PlantView>) -> ApiResult<Response> {
+    plant.read().await
 }
 
 /// Renames a plant. Its model cannot be changed; add another plant instead.
@@ -170,42 +161,15 @@ pub async fn read(
     request_body(content((PlantPatchBody = "application/merge-patch+json"), (PlantPatchBody = "application/json"))),
     responses((status = 200, description = "The plant as it is now.", body = PlantView),
         (status = 409, description = "Another plant of the study has this name.")))]
-pub async fn patch(
-    State(state): State<AppState>,
-    Id(id): Id<PlantId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-    MergePatch(body): MergePatch<PlantPatchBody>,
-) -> ApiResult<Response> {
-    let name = body.name.map(|name| checks::name(&name, "/name")).transpose()?;
-    let if_match = insisted(&state, id, &headers).await?;
-    let plant = match name {
-        Some(name) => state.store.rename_plant(id, &name, if_match).await?,
-        None => state.store.plant(id).await?,
-    };
-    etag::tagged(StatusCode::OK, &PlantView::from(plant))
+pub async fn patch(plant: Named<PlantView>, MergePatch(body): MergePatch<PlantPatchBody>) -> ApiResult<Response> {
+    let patch = PlantPatch { name: body.name.map(|name| checks::name(&name, "/name")).transpose()? };
+    plant.change(patch).await
 }
 
 /// Deletes a plant; refused while trials were recorded on it.
 #[utoipa::path(delete, path = "/v1/plants/{plant}", tag = "plants", operation_id = "delete_plant",
     params(PlantPath, IfMatch), responses((status = 204, description = "It is gone."),
         (status = 409, description = "Trials were recorded on it.")))]
-pub async fn delete(
-    State(state): State<AppState>,
-    Id(id): Id<PlantId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    let if_match = insisted(&state, id, &headers).await?;
-    state.store.delete_plant(id, if_match).await?;
-    Ok(no_content())
-}
-
-async fn insisted(state: &AppState, id: PlantId, headers: &HeaderMap) -> ApiResult<Option<i64>> {
-    if !etag::is_conditional(headers) {
-        return Ok(None);
-    }
-    let plant = state.store.plant(id).await?;
-    let version = plant.version;
-    etag::insist(headers, &PlantView::from(plant), version)
+pub async fn delete(plant: Named<PlantView>) -> ApiResult<Response> {
+    plant.delete().await
 }

@@ -4,27 +4,16 @@ use super::fence::fence;
 use super::problem::{HttpProblem, PROBLEM_JSON};
 use super::state::AppState;
 use super::{
-    analyses, docs, events, frequency_responses, learning_curves, ops, plants, samples, signals, studies,
-    study_analyses, subjects, trials, upload,
+    analyses, docs, events, frequency_responses, kinds, learning_curves, ops, plants, samples, schema, signals,
+    studies, study_analyses, subjects, trials, upload,
 };
-use crate::analysis::excitation::compensator::{CompensatorDesignResult, CompensatorDesignSpec};
-use crate::analysis::excitation::plant::MassDamper;
-use crate::analysis::excitation::quality::{ExcitationQualityResult, ExcitationQualitySpec};
-use crate::analysis::frequency_response::{FrequencyResponseResult, FrequencyResponseSpec};
-use crate::analysis::gain_fit::{GainFitResult, GainFitSpec, GainFitTrial, MatrixPlant, NamedPlant, PlantParameter};
-use crate::analysis::input_design::{InputDesignInputs, InputDesignResult, InputDesignSpec};
-use crate::analysis::inverse::{Comparand, InverseLqgSpec, InverseLqrResult, InverseSpec, Trajectory};
-use crate::analysis::robust_input_design::{RobustInputDesignInputs, RobustInputDesignResult, RobustInputDesignSpec};
-use crate::analysis::ssid::{FrequencyResponseInput, SsidResult, SsidSpec};
-use crate::analysis::ssid_mimo::{SsidMimoInputs, SsidMimoResult, SsidMimoSpec};
-use crate::analysis::two_stimulus::{StimulusResponsesInput, TwoStimulusResult, TwoStimulusSpec};
-use crate::excite::sequence::SequenceSpec;
 use axum::Router;
+use serde_json::Value;
 use utoipa::openapi::header::HeaderBuilder;
 use utoipa::openapi::path::{Operation, ParameterIn};
 use utoipa::openapi::schema::{Schema, Type};
-use utoipa::openapi::{ContentBuilder, ObjectBuilder, OpenApi, Ref, RefOr, Response};
-use utoipa::{OpenApi as _, ToSchema};
+use utoipa::openapi::{ContentBuilder, ObjectBuilder, Ref, RefOr, Response};
+use utoipa::{OpenApi as _, ToSchema as _};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -38,43 +27,6 @@ use utoipa_axum::routes;
             UTC; lists in pages by cursor; every problem is `application/problem+json` with a stable `code`, the place \
             (`where`) and advice (`mend`)."
     ),
-    components(schemas(
-        HttpProblem,
-        FrequencyResponseSpec,
-        FrequencyResponseResult,
-        FrequencyResponseInput,
-        SsidSpec,
-        SsidResult,
-        StimulusResponsesInput,
-        TwoStimulusSpec,
-        TwoStimulusResult,
-        GainFitTrial,
-        NamedPlant,
-        MatrixPlant,
-        PlantParameter,
-        GainFitSpec,
-        GainFitResult,
-        InverseSpec,
-        InverseLqgSpec,
-        InverseLqrResult,
-        Trajectory,
-        Comparand,
-        SsidMimoInputs,
-        SsidMimoSpec,
-        SsidMimoResult,
-        SequenceSpec,
-        MassDamper,
-        ExcitationQualitySpec,
-        ExcitationQualityResult,
-        CompensatorDesignSpec,
-        CompensatorDesignResult,
-        InputDesignInputs,
-        InputDesignSpec,
-        InputDesignResult,
-        RobustInputDesignInputs,
-        RobustInputDesignSpec,
-        RobustInputDesignResult
-    )),
     tags(
         (name = "studies", description = "The frame of everything else."),
         (name = "plants", description = "What subjects control."),
@@ -89,6 +41,7 @@ struct Document;
 
 fn routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::with_openapi(Document::openapi())
+        .routes(routes!(kinds::list))
         .routes(routes!(studies::create, studies::list))
         .routes(routes!(studies::read, studies::patch, studies::delete))
         .routes(routes!(plants::create, plants::list))
@@ -121,9 +74,9 @@ pub fn router(state: AppState) -> Router {
     router.merge(docs::pages()).layer(axum::middleware::from_fn_with_state(state.clone(), fence)).with_state(state)
 }
 
-/// The OpenAPI document.
+/// The OpenAPI document: the operations as the routes say, the schemas as [`schema`] says.
 #[must_use]
-pub fn openapi() -> OpenApi {
+pub fn openapi() -> Value {
     let (_, mut document) = routes().split_for_parts();
     for item in document.paths.paths.values_mut() {
         let operations = [&mut item.get, &mut item.post, &mut item.patch, &mut item.delete];
@@ -131,6 +84,8 @@ pub fn openapi() -> OpenApi {
             complete(operation);
         }
     }
+    let mut document = serde_json::to_value(document).unwrap_or_default();
+    document["components"]["schemas"] = Value::Object(schema::components());
     document
 }
 

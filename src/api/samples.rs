@@ -1,14 +1,14 @@
 //! The samples that an analysis made, as a table.
 
 use super::analyses::{AnalysisPath, report_text};
-use super::etag::{ETag, IfNoneMatch, is_known, not_modified, tagged_bytes};
+use super::etag::{self, IfNoneMatch};
 use super::extract::{Id, Params, off_thread};
 use super::problem::ApiResult;
 use super::state::AppState;
 use crate::analysis::ids::AnalysisId;
-use crate::analysis::{Code, Problem, Report, excitation};
+use crate::analysis::{Code, Problem, Report, samples};
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::HeaderMap;
 use axum::response::Response;
 
 /// Downloads the samples of a report as CSV, as they are to be played: a judged excitation, a designed input or target.
@@ -29,13 +29,8 @@ pub async fn read(
     let written = off_thread(move || {
         let report: Report = serde_json::from_str(&text)
             .map_err(|error| Problem::new(Code::Internal, "unreadable report", error.to_string()))?;
-        excitation::samples::csv(&report)
+        samples::csv(&report)
     })
     .await?;
-    let bytes = written?.into_bytes();
-    let tag = ETag::of_bytes(&bytes);
-    if is_known(&headers, &tag) {
-        return Ok(not_modified(&tag));
-    }
-    Ok(tagged_bytes(StatusCode::OK, "text/csv; charset=utf-8; header=present", &tag, bytes))
+    Ok(etag::conditional_bytes(&headers, "text/csv; charset=utf-8; header=present", written?.into_bytes()))
 }

@@ -2,20 +2,21 @@
 
 use super::etag::{ETag, IfNoneMatch, is_known, not_modified};
 use super::extract::{Id, Params, header_text};
-use super::problem::ApiResult;
+use super::problem::{ApiResult, RequestCode};
 use super::state::AppState;
 use super::trials::TrialPath;
+use crate::analysis::Problem;
 use crate::analysis::ids::TrialId;
-use crate::analysis::{Code, Problem};
 use crate::trial::{Trial, write};
 use axum::body::{Body, Bytes};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::{self, BufWriter, Write};
 use tokio::sync::mpsc;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// Bytes written at once.
 const CHUNK: usize = 64 << 10;
@@ -27,14 +28,13 @@ const CHUNKS_AHEAD: usize = 8;
 pub const SAMPLE_TIME: HeaderName = HeaderName::from_static("volition-sample-time-s");
 
 /// Columns of equal length.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = Signals)]
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "Signals")]
 #[allow(dead_code, reason = "documents what is streamed")]
 pub struct SignalsDocument {
     /// Time between samples, in seconds.
     sample_time_s: f64,
     /// Time in seconds, where it was recorded.
-    #[schema(nullable = false)]
     t: Option<Vec<f64>>,
     /// Command.
     r: Vec<f64>,
@@ -43,7 +43,6 @@ pub struct SignalsDocument {
     /// Output.
     y: Vec<f64>,
     /// Disturbance at the plant's input, where it was recorded.
-    #[schema(nullable = false)]
     d: Option<Vec<f64>>,
 }
 
@@ -65,7 +64,7 @@ pub struct AcceptSignals {
 }
 
 /// The format that the client likes best.
-fn negotiate(headers: &HeaderMap) -> Result<Format, Problem> {
+fn negotiate(headers: &HeaderMap) -> Result<Format, Problem<RequestCode>> {
     let values: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
     let accept = values.join(",");
     if accept.trim().is_empty() {
@@ -94,7 +93,7 @@ fn negotiate(headers: &HeaderMap) -> Result<Format, Problem> {
     let json = quality("application/*", "application/json");
     match (csv, json) {
         (csv, json) if csv <= 0.0 && json <= 0.0 => Err(Problem::new(
-            Code::NotAcceptable,
+            RequestCode::NotAcceptable,
             "not acceptable",
             format!("signals cannot be written as '{}'", header_text(headers, &header::ACCEPT)),
         )
@@ -197,7 +196,7 @@ mod tests {
             assert_eq!(choose(json).unwrap(), Format::Json, "{json}");
         }
         for bad in ["text/html", "*/*;q=0", "text/csv;q=0", "image/png, application/xml", "nonsense"] {
-            assert_eq!(choose(bad).unwrap_err().code, Code::NotAcceptable, "{bad}");
+            assert_eq!(choose(bad).unwrap_err().code, RequestCode::NotAcceptable, "{bad}");
         }
     }
 }

@@ -1,7 +1,7 @@
 //! What every handler shares.
 
 use super::ops::HttpTelemetry;
-use crate::analysis::Shared;
+use crate::cache::CacheCounters;
 use crate::store::Store;
 use std::sync::Arc;
 use std::time::Duration;
@@ -75,8 +75,8 @@ pub struct AppState {
     /// Held while free numbers are looked up and taken, so that uploads at the same time do not chase one another.
     pub(super) numbering: Arc<Mutex<()>>,
     pub(super) telemetry: Arc<HttpTelemetry>,
-    /// What the analyses of this process leave for each other, for the metrics.
-    pub(super) shared: Arc<Shared>,
+    /// How often the analyses of this process needed what they share, for the metrics.
+    pub(super) cache: Arc<CacheCounters>,
 }
 
 impl AppState {
@@ -91,7 +91,7 @@ impl AppState {
             uploads: Arc::new(Semaphore::new(Limits::default().concurrent_uploads)),
             numbering: Arc::default(),
             telemetry: Arc::default(),
-            shared: Arc::default(),
+            cache: Arc::default(),
         }
     }
 
@@ -110,10 +110,10 @@ impl AppState {
         self
     }
 
-    /// With what the analyses of this process leave for each other.
+    /// With what counts how often the analyses of this process need what they share.
     #[must_use]
-    pub fn with_shared(mut self, shared: Arc<Shared>) -> Self {
-        self.shared = shared;
+    pub fn with_cache(mut self, cache: Arc<CacheCounters>) -> Self {
+        self.cache = cache;
         self
     }
 

@@ -1,38 +1,45 @@
 //! Studies.
 
-use super::checks;
-use super::cursor::{List, PageQuery, Pager};
-use super::etag::{self, IfMatch, IfNoneMatch};
-use super::extract::{Id, Json, MergePatch, Params, or_default, present};
-use super::idempotency::{Idempotency, IdempotencyHeader, mark};
+use super::checks::{self, NAME_PATTERN, TEXT_PATTERN};
+use super::cursor::{PageQuery, Pager};
+use super::etag::{IfMatch, IfNoneMatch};
+use super::extract::{Json, MergePatch, Params, or_default, present};
+use super::idempotency::{Idempotency, IdempotencyHeader};
+use super::named::{self, Named, View};
 use super::problem::ApiResult;
+use super::schema::{StudyList, Timestamp};
 use super::state::AppState;
-use super::{created, no_content};
 use crate::analysis::ids::StudyId;
-use crate::store::{Created, NewStudy, Study, StudyPatch};
+use crate::store::{NewStudy, Study, StudyPatch};
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// A study, the frame of everything else.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Study)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Study")]
 pub struct StudyView {
     id: StudyId,
     name: String,
     description: String,
     /// A trial whose |y| passes this is divergent; null where there is no limit.
-    #[schema(required = true)]
     display_limit: Option<f64>,
     /// Counts changes, from 1.
     version: i64,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
+}
+
+impl View for StudyView {
+    type Record = Study;
 }
 
 impl From<Study> for StudyView {
@@ -43,48 +50,39 @@ impl From<Study> for StudyView {
 }
 
 /// A study to be made.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = NewStudy, example = json!({"name": "gm and gn", "display_limit": 5.0}))]
+#[schemars(rename = "NewStudy", example = serde_json::json!({"name": "gm and gn", "display_limit": 5.0}))]
 pub struct NewStudyBody {
     /// Its name: not blank, without control characters.
-    #[schema(
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     name: String,
     /// What it is about.
     #[serde(default, deserialize_with = "or_default")]
-    #[schema(max_length = 20000, pattern = r"^[^\x00]*$")]
+    #[schemars(length(max = 20000), extend("pattern" = TEXT_PATTERN))]
     description: String,
     /// A trial whose |y| passes this is divergent. Null or absent: there is no limit.
     #[serde(default)]
-    #[schema(exclusive_minimum = 0)]
+    #[schemars(extend("exclusiveMinimum" = 0))]
     display_limit: Option<f64>,
 }
 
 /// Changes to a study; what is left out stays as it is.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = StudyPatch, example = json!({"display_limit": null}))]
+#[schemars(rename = "StudyPatch", example = serde_json::json!({"display_limit": null}))]
 pub struct StudyPatchBody {
     /// A new name.
     #[serde(default, deserialize_with = "present")]
-    #[schema(
-        nullable = false,
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     name: Option<String>,
     /// A new description.
     #[serde(default, deserialize_with = "present")]
-    #[schema(nullable = false, max_length = 20000, pattern = r"^[^\x00]*$")]
+    #[schemars(length(max = 20000), extend("pattern" = TEXT_PATTERN))]
     description: Option<String>,
     /// A new limit; null removes it. Which trials are divergent follows at once.
     #[serde(default, deserialize_with = "present")]
-    #[schema(value_type = Option<f64>, exclusive_minimum = 0)]
+    #[schemars(with = "Option<f64>", extend("exclusiveMinimum" = 0))]
     display_limit: Option<Option<f64>>,
 }
 
@@ -113,18 +111,12 @@ pub async fn create(
         display_limit: body.value.display_limit.map(|l| checks::display_limit(l, "/display_limit")).transpose()?,
     };
     let made = state.store.create_study(new, idempotency.key(&body.bytes).as_ref()).await?;
-    answer(made)
-}
-
-fn answer(made: Created<Study>) -> ApiResult<Response> {
-    let view = StudyView::from(made.clone().into_inner());
-    let response = etag::tagged(StatusCode::CREATED, &view)?;
-    Ok(mark(created(response, format!("/v1/studies/{}", view.id)), &made))
+    named::made::<StudyView>(&made, "/v1/studies")
 }
 
 /// Lists studies.
 #[utoipa::path(get, path = "/v1/studies", tag = "studies", operation_id = "list_studies", params(PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of studies.", body = List<StudyView>)))]
+    responses((status = 200, description = "A page of studies.", body = StudyList)))]
 pub async fn list(
     State(state): State<AppState>,
     uri: Uri,
@@ -139,13 +131,8 @@ pub async fn list(
 /// Reads a study.
 #[utoipa::path(get, path = "/v1/studies/{study}", tag = "studies", operation_id = "read_study",
     params(StudyPath, IfNoneMatch), responses((status = 200, description = "The study.", body = StudyView)))]
-pub async fn read(
-    State(state): State<AppState>,
-    Id(id): Id<StudyId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    etag::conditional(&headers, &StudyView::from(state.store.study(id).await?))
+pub async fn read(study: Named<StudyView>) -> ApiResult<Response> {
+    study.read().await
 }
 
 /// Changes a study.
@@ -153,13 +140,7 @@ pub async fn read(
     params(StudyPath, IfMatch),
     request_body(content((StudyPatchBody = "application/merge-patch+json"), (StudyPatchBody = "application/json"))),
     responses((status = 200, description = "The study as it is now.", body = StudyView)))]
-pub async fn patch(
-    State(state): State<AppState>,
-    Id(id): Id<StudyId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-    MergePatch(body): MergePatch<StudyPatchBody>,
-) -> ApiResult<Response> {
+pub async fn patch(study: Named<StudyView>, MergePatch(body): MergePatch<StudyPatchBody>) -> ApiResult<Response> {
     let patch = StudyPatch {
         name: body.name.map(|name| checks::name(&name, "/name")).transpose()?,
         description: body.description.map(|text| checks::description(&text, "/description")).transpose()?,
@@ -168,30 +149,12 @@ pub async fn patch(
             other => other,
         },
     };
-    let if_match = insisted(&state, id, &headers).await?;
-    let study = state.store.patch_study(id, patch, if_match).await?;
-    etag::tagged(StatusCode::OK, &StudyView::from(study))
+    study.change(patch).await
 }
 
 /// Deletes a study with its plants, subjects, trials and analyses, and overwrites what they held.
 #[utoipa::path(delete, path = "/v1/studies/{study}", tag = "studies", operation_id = "delete_study",
     params(StudyPath, IfMatch), responses((status = 204, description = "It is gone.")))]
-pub async fn delete(
-    State(state): State<AppState>,
-    Id(id): Id<StudyId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    let if_match = insisted(&state, id, &headers).await?;
-    state.store.delete_study(id, if_match).await?;
-    Ok(no_content())
-}
-
-async fn insisted(state: &AppState, id: StudyId, headers: &HeaderMap) -> ApiResult<Option<i64>> {
-    if !etag::is_conditional(headers) {
-        return Ok(None);
-    }
-    let study = state.store.study(id).await?;
-    let version = study.version;
-    etag::insist(headers, &StudyView::from(study), version)
+pub async fn delete(study: Named<StudyView>) -> ApiResult<Response> {
+    study.delete().await
 }

@@ -6,35 +6,36 @@ use super::etag::IfNoneMatch;
 use super::extract::{FromQuery, Id, Integer, Json, Params, QueryText, from_value, off_thread};
 use super::idempotency::{Idempotency, IdempotencyHeader};
 use super::learning_inputs::spec_sha256;
-use super::problem::ApiResult;
+use super::problem::{ApiResult, unless_missing};
 use super::state::AppState;
 use super::studies::StudyPath;
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
-use crate::analysis::{Code, Kind, Problem, Request};
+use crate::analysis::{Code, Kind, Problem, Request, registry};
 use crate::jobs::{Status, run_eta_s};
 use crate::store::{RunFilter, RunProgress, TrialFilter, TrialRecord};
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// What to compute, and of which trials.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(example = json!({"kind": "ssid", "spec": {"pool": "zhang2015_appendix_b"}, "filter": {"group": "gm"}}))]
+#[schemars(example = serde_json::json!({"kind": "ssid", "spec": {"pool": "zhang2015_appendix_b"}, "filter": {"group": "gm"}}))]
 pub struct BulkRequest {
     /// The kind; one that takes a single trial as its input.
-    #[schema(value_type = Kind)]
+    #[schemars(with = "Kind")]
     kind: String,
     /// How it is computed, for every trial alike.
     #[serde(default = "empty")]
-    #[schema(value_type = Object)]
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     spec: Value,
     /// Which trials; without it, all of the study.
     #[serde(default = "empty")]
-    #[schema(value_type = BulkFilter)]
+    #[schemars(with = "BulkFilter")]
     filter: Value,
 }
 
@@ -43,31 +44,31 @@ fn empty() -> Value {
 }
 
 /// Which trials of a study: those for which everything given holds.
-#[derive(Debug, Clone, Default, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BulkFilter {
     /// Of subjects of this group.
-    #[schema(max_length = 200)]
+    #[schemars(length(max = 200))]
     group: Option<String>,
     /// Of this subject.
     subject: Option<SubjectId>,
     /// On this plant.
     plant: Option<PlantId>,
     /// In this session.
-    #[schema(value_type = Option<i64>)]
+    #[schemars(with = "Option<i64>")]
     session: Option<Integer>,
     /// With this number or a greater one.
-    #[schema(value_type = Option<i64>)]
+    #[schemars(with = "Option<i64>")]
     number_from: Option<Integer>,
     /// With this number or a smaller one.
-    #[schema(value_type = Option<i64>)]
+    #[schemars(with = "Option<i64>")]
     number_to: Option<Integer>,
     /// Divergent trials too; they are skipped otherwise.
     include_divergent: bool,
 }
 
 /// What was queued: a run.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct BulkAnswer {
     /// How many analyses were queued.
     created: usize,
@@ -80,7 +81,7 @@ pub struct BulkAnswer {
 }
 
 /// An analysis that was queued.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct BulkAnalysis {
     /// The analysis.
     id: AnalysisId,
@@ -89,7 +90,7 @@ pub struct BulkAnalysis {
 }
 
 /// A trial that no analysis was queued for.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Skipped {
     /// The trial.
     trial: TrialId,
@@ -181,27 +182,26 @@ pub struct RunQuery {
 
 impl FromQuery for RunQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
-        let kinds = Kind::ALL.map(Kind::name).join(", ");
+        let kinds = registry::names();
         Ok(Self { kind: query.one_of("kind", &kinds, |text| text.parse().ok())?, spec: spec_sha256(query)? })
     }
 }
 
 /// How far the analyses of a study are.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct StudyProgress {
     /// Analyses that came to an end, whichever.
     done: u64,
     /// Analyses in all.
     total: u64,
     /// Seconds left, if it goes on as the latest did; null while none has succeeded or where nobody works on them.
-    #[schema(required = true)]
     eta_s: Option<f64>,
     /// How many there are in each status.
     analyses: StatusCounts,
 }
 
 /// How many analyses there are in each status.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, JsonSchema)]
 pub struct StatusCounts {
     queued: u64,
     running: u64,
@@ -251,21 +251,15 @@ async fn checked(state: &AppState, study: StudyId, filter: BulkFilter) -> ApiRes
         return Err(bad("group", format!("no group has more than {MAX_NAME} characters")).into());
     }
     if let Some(id) = subject {
-        match state.store.subject(id).await {
-            Ok(subject) if subject.study == study => {}
-            Ok(_) | Err(crate::store::StoreError::NotFound { .. }) => {
-                return Err(bad("subject", format!("the study has no subject {id}")).into());
-            }
-            Err(other) => return Err(other.into()),
+        let subject = unless_missing(state.store.subject(id).await)?;
+        if subject.is_none_or(|subject| subject.study != study) {
+            return Err(bad("subject", format!("the study has no subject {id}")).into());
         }
     }
     if let Some(id) = plant {
-        match state.store.plant(id).await {
-            Ok(plant) if plant.study == study => {}
-            Ok(_) | Err(crate::store::StoreError::NotFound { .. }) => {
-                return Err(bad("plant", format!("the study has no plant {id}")).into());
-            }
-            Err(other) => return Err(other.into()),
+        let plant = unless_missing(state.store.plant(id).await)?;
+        if plant.is_none_or(|plant| plant.study != study) {
+            return Err(bad("plant", format!("the study has no plant {id}")).into());
         }
     }
     if let (Some(from), Some(to)) = (number_from, number_to)

@@ -1,45 +1,52 @@
 //! Subjects, by pseudonym.
 
-use super::checks;
-use super::cursor::{List, PageQuery, Pager};
-use super::etag::{self, IfMatch, IfNoneMatch};
+use super::checks::{self, NAME_PATTERN};
+use super::cursor::{PageQuery, Pager};
+use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{FromQuery, Id, Json, MergePatch, Params, QueryText, or_default, present};
-use super::idempotency::{Idempotency, IdempotencyHeader, mark};
+use super::idempotency::{Idempotency, IdempotencyHeader};
+use super::named::{self, Named, View};
 use super::problem::ApiResult;
+use super::schema::{SubjectList, Timestamp};
 use super::state::AppState;
 use super::studies::StudyPath;
-use super::{created, no_content};
 use crate::analysis::Problem;
 use crate::analysis::ids::{StudyId, SubjectId};
 use crate::store::{NewSubject, Subject, SubjectPatch};
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use time::OffsetDateTime;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// A subject.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Subject)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Subject")]
 pub struct SubjectView {
     id: SubjectId,
     study: StudyId,
     /// Pseudonym, unique within the study.
     code: String,
     /// Group, where the subject is in one.
-    #[schema(required = true)]
     group: Option<String>,
     /// Free attributes.
-    #[schema(value_type = Object)]
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     attributes: Value,
     /// Counts changes, from 1.
     version: i64,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
+}
+
+impl View for SubjectView {
+    type Record = Subject;
 }
 
 impl From<Subject> for SubjectView {
@@ -50,28 +57,20 @@ impl From<Subject> for SubjectView {
 }
 
 /// A subject to be made.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = NewSubject, example = json!({"code": "s07", "group": "gm", "attributes": {"handedness": "right"}}))]
+#[schemars(rename = "NewSubject", example = serde_json::json!({"code": "s07", "group": "gm", "attributes": {"handedness": "right"}}))]
 pub struct NewSubjectBody {
     /// Pseudonym, unique within the study: not blank, without control characters. No names of people.
-    #[schema(
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     code: String,
     /// Group.
     #[serde(default)]
-    #[schema(
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     group: Option<String>,
     /// Free attributes, at most 64 KiB.
     #[serde(default = "empty", deserialize_with = "or_default")]
-    #[schema(value_type = Object)]
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     attributes: Value,
 }
 
@@ -80,26 +79,21 @@ fn empty() -> Value {
 }
 
 /// Changes to a subject; what is left out stays as it is.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = SubjectPatch, example = json!({"group": "gn"}))]
+#[schemars(rename = "SubjectPatch", example = serde_json::json!({"group": "gn"}))]
 pub struct SubjectPatchBody {
     /// A new pseudonym.
     #[serde(default, deserialize_with = "present")]
-    #[schema(
-        nullable = false,
-        min_length = 1,
-        max_length = 200,
-        pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$"
-    )]
+    #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     code: Option<String>,
     /// A new group; null takes the subject out of its group.
     #[serde(default, deserialize_with = "present")]
-    #[schema(value_type = Option<String>, min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$")]
+    #[schemars(with = "Option<String>", length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     group: Option<Option<String>>,
     /// New attributes, in place of all the old ones; null removes them.
     #[serde(default, deserialize_with = "present")]
-    #[schema(value_type = Option<Object>)]
+    #[schemars(with = "Option<serde_json::Map<String, serde_json::Value>>")]
     attributes: Option<Value>,
 }
 
@@ -145,15 +139,13 @@ pub async fn create(
         attributes: checks::attributes(attributes, "/attributes")?,
     };
     let made = state.store.create_subject(study, new, idempotency.key(&body.bytes).as_ref()).await?;
-    let view = SubjectView::from(made.clone().into_inner());
-    let response = etag::tagged(StatusCode::CREATED, &view)?;
-    Ok(mark(created(response, format!("/v1/subjects/{}", view.id)), &made))
+    named::made::<SubjectView>(&made, "/v1/subjects")
 }
 
 /// Lists the subjects of a study.
 #[utoipa::path(get, path = "/v1/studies/{study}/subjects", tag = "subjects", operation_id = "list_subjects",
     params(StudyPath, SubjectQuery, PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of subjects.", body = List<SubjectView>)))]
+    responses((status = 200, description = "A page of subjects.", body = SubjectList)))]
 pub async fn list(
     State(state): State<AppState>,
     Id(study): Id<StudyId>,
@@ -162,7 +154,6 @@ pub async fn list(
     Params((filter, page)): Params<(SubjectQuery, PageQuery)>,
 ) -> ApiResult<Response> {
     let pager = Pager::new(&uri, page)?;
-    state.store.study(study).await?;
     let rows = state.store.subjects(study, filter.group.as_deref(), pager.page()).await?;
     pager.answer(&headers, rows, |subject| subject.id.0, SubjectView::from)
 }
@@ -170,13 +161,8 @@ pub async fn list(
 /// Reads a subject.
 #[utoipa::path(get, path = "/v1/subjects/{subject}", tag = "subjects", operation_id = "read_subject",
     params(SubjectPath, IfNoneMatch), responses((status = 200, description = "The subject.", body = SubjectView)))]
-pub async fn read(
-    State(state): State<AppState>,
-    Id(id): Id<SubjectId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    etag::conditional(&headers, &SubjectView::from(state.store.subject(id).await?))
+pub async fn read(subject: Named<SubjectView>) -> ApiResult<Response> {
+    subject.read().await
 }
 
 /// Changes a subject.
@@ -185,13 +171,7 @@ pub async fn read(
     request_body(content((SubjectPatchBody = "application/merge-patch+json"), (SubjectPatchBody = "application/json"))),
     responses((status = 200, description = "The subject as it is now.", body = SubjectView),
         (status = 409, description = "Another subject of the study has this code.")))]
-pub async fn patch(
-    State(state): State<AppState>,
-    Id(id): Id<SubjectId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-    MergePatch(body): MergePatch<SubjectPatchBody>,
-) -> ApiResult<Response> {
+pub async fn patch(subject: Named<SubjectView>, MergePatch(body): MergePatch<SubjectPatchBody>) -> ApiResult<Response> {
     let patch = SubjectPatch {
         code: body.code.map(|code| checks::name(&code, "/code")).transpose()?,
         group: match body.group {
@@ -204,30 +184,12 @@ pub async fn patch(
             None => None,
         },
     };
-    let if_match = insisted(&state, id, &headers).await?;
-    let subject = state.store.patch_subject(id, patch, if_match).await?;
-    etag::tagged(StatusCode::OK, &SubjectView::from(subject))
+    subject.change(patch).await
 }
 
 /// Deletes a subject with its trials and their analyses, and overwrites what they held.
 #[utoipa::path(delete, path = "/v1/subjects/{subject}", tag = "subjects", operation_id = "delete_subject",
     params(SubjectPath, IfMatch), responses((status = 204, description = "It is gone.")))]
-pub async fn delete(
-    State(state): State<AppState>,
-    Id(id): Id<SubjectId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    let if_match = insisted(&state, id, &headers).await?;
-    state.store.delete_subject(id, if_match).await?;
-    Ok(no_content())
-}
-
-async fn insisted(state: &AppState, id: SubjectId, headers: &HeaderMap) -> ApiResult<Option<i64>> {
-    if !etag::is_conditional(headers) {
-        return Ok(None);
-    }
-    let subject = state.store.subject(id).await?;
-    let version = subject.version;
-    etag::insist(headers, &SubjectView::from(subject), version)
+pub async fn delete(subject: Named<SubjectView>) -> ApiResult<Response> {
+    subject.delete().await
 }

@@ -1,10 +1,11 @@
 //! Trials without their signals.
 
-use super::cursor::{List, PageQuery, Pager};
-use super::etag::{self, IfMatch, IfNoneMatch};
+use super::cursor::{PageQuery, Pager};
+use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{Id, Integer, MergePatch, Params, present};
-use super::no_content;
+use super::named::{Named, View};
 use super::problem::ApiResult;
+use super::schema::{Timestamp, TrialList};
 use super::state::AppState;
 use super::subjects::SubjectPath;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId, TrialId};
@@ -12,19 +13,20 @@ use crate::analysis::{Code, Problem};
 use crate::learning::time_domain::TimeDomainMetrics;
 use crate::store::{TrialPatch, TrialRecord};
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use time::OffsetDateTime;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// Numbers and sessions stay exact in every JSON reader.
 pub const MAX_NUMBER: i64 = 1_000_000_000;
 
 /// A trial without its signals.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-#[schema(as = Trial)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "Trial")]
 pub struct TrialView {
     /// Its id.
     pub id: TrialId,
@@ -35,7 +37,6 @@ pub struct TrialView {
     /// Its number, unique within subject and session.
     number: i64,
     /// Its session, where it has one.
-    #[schema(required = true)]
     session: Option<i64>,
     /// Time between samples, in seconds.
     sample_time_s: f64,
@@ -49,19 +50,25 @@ pub struct TrialView {
     /// Counts changes, from 1.
     version: i64,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
     #[serde(with = "time::serde::rfc3339")]
+    #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
 }
 
 /// What was measured in the time domain.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct TrialMetrics {
     #[serde(flatten)]
-    #[schema(value_type = TimeDomainMetrics)]
+    #[schemars(with = "TimeDomainMetrics")]
     time_domain: Value,
     /// Whether |y| passed the display limit that the study has now.
     divergent: bool,
+}
+
+impl View for TrialView {
+    type Record = TrialRecord;
 }
 
 impl From<TrialRecord> for TrialView {
@@ -95,17 +102,17 @@ pub struct TrialPath {
 }
 
 /// Changes to a trial; what is left out stays as it is. The recording and its plant never change.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(as = TrialPatch, example = json!({"number": 4}))]
+#[schemars(rename = "TrialPatch", example = serde_json::json!({"number": 4}))]
 pub struct TrialPatchBody {
     /// A new number.
     #[serde(default, deserialize_with = "present")]
-    #[schema(value_type = Option<i64>, nullable = false, minimum = 1, maximum = 1000000000)]
+    #[schemars(with = "Option<i64>", range(min = 1, max = 1000000000))]
     number: Option<Integer>,
     /// A new session; null takes the trial out of its session.
     #[serde(default, deserialize_with = "present")]
-    #[schema(value_type = Option<i64>, minimum = 0, maximum = 1000000000)]
+    #[schemars(with = "Option<i64>", range(min = 0, max = 1000000000))]
     session: Option<Option<Integer>>,
 }
 
@@ -122,7 +129,7 @@ pub(super) fn in_range(value: i64, min: i64, pointer: &str) -> Result<i64, Probl
 /// Lists the trials of a subject.
 #[utoipa::path(get, path = "/v1/subjects/{subject}/trials", tag = "trials", operation_id = "list_trials",
     params(SubjectPath, PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of trials.", body = List<TrialView>)))]
+    responses((status = 200, description = "A page of trials.", body = TrialList)))]
 pub async fn list(
     State(state): State<AppState>,
     Id(subject): Id<SubjectId>,
@@ -131,7 +138,6 @@ pub async fn list(
     Params(page): Params<PageQuery>,
 ) -> ApiResult<Response> {
     let pager = Pager::new(&uri, page)?;
-    state.store.subject(subject).await?;
     let rows = state.store.trials(subject, pager.page()).await?;
     pager.answer(&headers, rows, |trial| trial.id.0, TrialView::from)
 }
@@ -139,13 +145,8 @@ pub async fn list(
 /// Reads a trial: what it is and what was measured in the time domain.
 #[utoipa::path(get, path = "/v1/trials/{trial}", tag = "trials", operation_id = "read_trial",
     params(TrialPath, IfNoneMatch), responses((status = 200, description = "The trial.", body = TrialView)))]
-pub async fn read(
-    State(state): State<AppState>,
-    Id(id): Id<TrialId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    etag::conditional(&headers, &TrialView::from(state.store.trial(id).await?))
+pub async fn read(trial: Named<TrialView>) -> ApiResult<Response> {
+    trial.read().await
 }
 
 /// Changes a trial's number or session.
@@ -154,13 +155,7 @@ pub async fn read(
     request_body(content((TrialPatchBody = "application/merge-patch+json"), (TrialPatchBody = "application/json"))),
     responses((status = 200, description = "The trial as it is now.", body = TrialView),
         (status = 409, description = "Another trial of the subject has this number.")))]
-pub async fn patch(
-    State(state): State<AppState>,
-    Id(id): Id<TrialId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-    MergePatch(body): MergePatch<TrialPatchBody>,
-) -> ApiResult<Response> {
+pub async fn patch(trial: Named<TrialView>, MergePatch(body): MergePatch<TrialPatchBody>) -> ApiResult<Response> {
     let patch = TrialPatch {
         number: body.number.map(|Integer(number)| in_range(number, 1, "/number")).transpose()?,
         session: match body.session {
@@ -169,30 +164,12 @@ pub async fn patch(
             None => None,
         },
     };
-    let if_match = insisted(&state, id, &headers).await?;
-    let trial = state.store.patch_trial(id, patch, if_match).await?;
-    etag::tagged(StatusCode::OK, &TrialView::from(trial))
+    trial.change(patch).await
 }
 
 /// Deletes a trial with its recording and the analyses that used it, and overwrites what they held.
 #[utoipa::path(delete, path = "/v1/trials/{trial}", tag = "trials", operation_id = "delete_trial",
     params(TrialPath, IfMatch), responses((status = 204, description = "It is gone.")))]
-pub async fn delete(
-    State(state): State<AppState>,
-    Id(id): Id<TrialId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    let if_match = insisted(&state, id, &headers).await?;
-    state.store.delete_trial(id, if_match).await?;
-    Ok(no_content())
-}
-
-async fn insisted(state: &AppState, id: TrialId, headers: &HeaderMap) -> ApiResult<Option<i64>> {
-    if !etag::is_conditional(headers) {
-        return Ok(None);
-    }
-    let trial = state.store.trial(id).await?;
-    let version = trial.version;
-    etag::insist(headers, &TrialView::from(trial), version)
+pub async fn delete(trial: Named<TrialView>) -> ApiResult<Response> {
+    trial.delete().await
 }

@@ -142,13 +142,14 @@ pub async fn run(args: &DemoArgs, store: &Store, out: &mut impl Write) -> anyhow
     Ok(if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// How every trial is identified: the sampled pool of Zhang 2015, appendix C, thinned to what a laptop searches in a second.
+/// How every trial is identified: the sampled pool of Zhang 2015, appendix C, thinned to what a laptop searches in a
+/// second.
 fn pool() -> serde_json::Value {
     json!({"name": "zhang2015_appendix_c", "thin": {"poles": 12, "zeros": 12, "damping": 6, "gains": 3}})
 }
 
-/// The degree of the FIR feedforward that comes within 0.1 % of the inverse dynamics (Zhang 2015, section 5.6.2: 2 for a
-/// minimum-phase plant, 6 for a nonminimum-phase one).
+/// The degree of the FIR feedforward that comes within 0.1 % of the inverse dynamics (Zhang 2015, section 5.6.2: 2 for
+/// a minimum-phase plant, 6 for a nonminimum-phase one).
 fn feedforward_degree(plant: Plant) -> u32 {
     if plant == Plant::MinimumPhase { 2 } else { 6 }
 }
@@ -174,8 +175,8 @@ fn request(study: StudyId, trial: TrialId, plant: Plant) -> anyhow::Result<NewAn
 /// Runs a worker until every analysis of the study is finished.
 async fn work(store: &Store, study: StudyId, args: &DemoArgs) -> anyhow::Result<Vec<AnalysisRecord>> {
     let settings = WorkerSettings { compute_threads: args.compute_threads.unwrap_or(0), ..WorkerSettings::default() };
-    let shared = args.cache.shared(args.database.as_deref());
-    let worker = Worker::new(store.clone(), Arc::new(Analyses::new(shared)), settings)?;
+    let pools = args.cache.pools(args.database.as_deref());
+    let worker = Worker::new(store.clone(), Arc::new(Analyses::new(pools)), settings)?;
     let stop = CancellationToken::new();
     // Dropped with this future when the person interrupts, which stops the worker too.
     let _stop_on_drop = stop.clone().drop_guard();

@@ -21,9 +21,9 @@ const REFUSED: u8 = 2;
 /// What to import, and into which study.
 #[derive(Debug, Clone, Args)]
 pub struct ImportArgs {
-    /// Folder with trials as CSV (gzip allowed; columns t, r, u, y and optionally d) and an index: index.csv with the columns
-    /// file, subject, trial and optionally group, session, plant, display_limit, or index.json or truth.json, an array of
-    /// objects with these members, and plant_num and plant_den for the plant.
+    /// Folder with trials as CSV (gzip allowed; columns t, r, u, y and optionally d) and an index: index.csv with the
+    /// columns file, subject, trial and optionally group, session, plant, display_limit, or index.json or truth.json,
+    /// an array of objects with these members, and plant_num and plant_den for the plant.
     pub folder: PathBuf,
     /// Name of the study; made if there is none.
     #[arg(long, value_name = "NAME")]
@@ -34,8 +34,9 @@ pub struct ImportArgs {
     /// Index file, relative to the folder.
     #[arg(long, value_name = "FILE")]
     pub index: Option<PathBuf>,
-    /// Model of a plant that the index names: a JSON file, a name of the catalogue, or a transfer function such as 1/(s(s+1)).
-    /// Without `NAME=`: the plant of rows that name none. Names of the catalogue and transfer functions need no option.
+    /// Model of a plant that the index names: a JSON file, a name of the catalogue, or a transfer function such as
+    /// 1/(s(s+1)). Without `NAME=`: the plant of rows that name none. Names of the catalogue and transfer functions
+    /// need no option.
     #[arg(long = "plant", value_name = "NAME=MODEL")]
     pub plants: Vec<String>,
     /// Trials with |y| above this are divergent; by default what the index says.

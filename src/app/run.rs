@@ -1,6 +1,6 @@
 //! `volition run SPEC.json`: one analysis without a server or a database.
 
-use crate::analysis::{Code, Failure, Library, Plan, Problem, Request, excitation};
+use crate::analysis::{Code, Failure, Library, Plan, Problem, Request, samples};
 use crate::config::CacheArgs;
 use crate::ctl::{Bracket, Ctl, StopReason};
 use crate::worker::compute;
@@ -21,8 +21,8 @@ const BAD_INPUT: u8 = 2;
 const FAILED: u8 = 1;
 
 /// Executes the document in `path` (`-`: standard input), writes the report to standard output or the problem to
-/// standard error, and says how it went by its exit code: 0, 1 (failed) or 2 (bad input). With `csv` the samples that the report carries
-/// are written as CSV in its place.
+/// standard error, and says how it went by its exit code: 0, 1 (failed) or 2 (bad input). With `csv` the samples that
+/// the report carries are written as CSV in its place.
 ///
 /// # Errors
 /// Only when standard output cannot be written or a thread cannot be started.
@@ -31,14 +31,14 @@ pub fn run(path: &Path, compute_threads: usize, csv: bool, cache: &CacheArgs) ->
         Ok(plan) => plan,
         Err(problem) => return refuse(&problem, BAD_INPUT),
     };
-    let library = Library { shared: cache.shared(None), ..Library::default() };
+    let library = Library { pools: cache.pools(None), ..Library::default() };
     let ctl = Arc::new(Ctl::new());
     stop_on_ctrl_c(Arc::clone(&ctl))?;
     let bar = watch(&ctl);
     let (outcome, _) = compute::run_plan(&plan, &library, &ctl, compute_threads);
     bar.finish_and_clear();
     match outcome {
-        Ok(report) if csv => match excitation::samples::csv(&report) {
+        Ok(report) if csv => match samples::csv(&report) {
             Ok(text) => {
                 std::io::stdout().lock().write_all(text.as_bytes())?;
                 Ok(ExitCode::SUCCESS)
@@ -58,7 +58,10 @@ pub fn run(path: &Path, compute_threads: usize, csv: bool, cache: &CacheArgs) ->
         Err(Failure::Stopped(stopped) | Failure::Interrupted { stopped, .. }) => {
             let found = ctl.bracket().map_or_else(String::new, |bracket| {
                 let Bracket { incumbent, bound, index } = bracket;
-                format!("; the best candidate until then is {index} with the cost {incumbent:e}, and none costs less than {bound:e}")
+                format!(
+                    "; the best candidate until then is {index} with the cost {incumbent:e}, and none costs less \
+                    than {bound:e}"
+                )
             });
             let problem = Problem::new(Code::DeadlineExceeded, "the analysis was stopped", format!("{stopped}{found}"))
                 .mend("Run it again and let it finish.");
@@ -70,13 +73,7 @@ pub fn run(path: &Path, compute_threads: usize, csv: bool, cache: &CacheArgs) ->
 fn blames_the_input(code: Code) -> bool {
     matches!(
         code,
-        Code::Malformed
-            | Code::Invalid
-            | Code::BadSignal
-            | Code::NotFound
-            | Code::TooLarge
-            | Code::Unaffordable
-            | Code::UnsupportedMediaType
+        Code::Malformed | Code::Invalid | Code::BadSignal | Code::NotFound | Code::TooLarge | Code::Unaffordable
     )
 }
 

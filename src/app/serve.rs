@@ -31,13 +31,14 @@ pub async fn serve(
     let address = serve.checked_listen()?;
     let limits = serve.limits()?;
     let store = open(database).await?;
-    let shared = cache.shared(Some(&database.database));
-    let worker = Worker::new(store.clone(), Arc::new(Analyses::new(Arc::clone(&shared))), worker.settings())?;
+    let pools = cache.pools(Some(&database.database));
+    let worker = Worker::new(store.clone(), Arc::new(Analyses::new(Arc::clone(&pools))), worker.settings())?;
     let listener = TcpListener::bind(address).await.with_context(|| format!("cannot listen on {address}"))?;
     let address = listener.local_addr()?;
 
     let shutdown = stop_on_signal();
-    let state = AppState::new(store.clone()).with_limits(limits).with_shared(shared).with_shutdown(shutdown.clone());
+    let state =
+        AppState::new(store.clone()).with_limits(limits).with_cache(pools.counters()).with_shutdown(shutdown.clone());
     let listening = shutdown.clone();
     let server = tokio::spawn(async move {
         axum::serve(listener, api::router(state)).with_graceful_shutdown(listening.cancelled_owned()).await
@@ -78,8 +79,8 @@ pub async fn work(
     until_idle: bool,
 ) -> anyhow::Result<()> {
     let store = open(database).await?;
-    let shared = cache.shared(Some(&database.database));
-    let worker = Worker::new(store.clone(), Arc::new(Analyses::new(shared)), worker.settings())?;
+    let pools = cache.pools(Some(&database.database));
+    let worker = Worker::new(store.clone(), Arc::new(Analyses::new(pools)), worker.settings())?;
     let shutdown = stop_on_signal();
     let idle = async {
         while until_idle && !shutdown.is_cancelled() {

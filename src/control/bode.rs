@@ -1,11 +1,11 @@
 //! Frequency grids and Bode data.
 
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Gain and phase over frequency.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Bode {
     /// Angular frequencies, rad/s.
     pub omega_rad_s: Vec<f64>,

@@ -94,10 +94,10 @@ pub fn to_state_space<T: TimeBase>(system: &TransferFunction<T>) -> Result<State
 /// The transfer function `c (xI − A)⁻¹ b + d` of a single-input single-output state space model.
 ///
 /// The denominator is `det(xI − A)`, from the eigenvalues of A; it keeps all n of them, hidden ones included. With ρ
-/// the relative degree and `g = c A^{ρ−1} b` (or `d`) the first Markov parameter that is not zero, the numerator is
-/// `g` times the leading n − ρ + 1 coefficients of `det(xI − A + b c A^ρ / g)`, whose eigenvalues are the zeros and ρ
-/// times the origin. Where `g` is too small for that, `det(xI − A + b c) + (d − 1) det(xI − A)` is taken. Whichever agrees better with
-/// direct evaluation on three circles of the complex plane is returned, provided that it does so within
+/// the relative degree and `g = c A^{ρ−1} b` (or `d`) the first Markov parameter that is not zero, the numerator is `g`
+/// times the leading n − ρ + 1 coefficients of `det(xI − A + b c A^ρ / g)`, whose eigenvalues are the zeros and ρ times
+/// the origin. Where `g` is too small for that, `det(xI − A + b c) + (d − 1) det(xI − A)` is taken. Whichever agrees
+/// better with direct evaluation on three circles of the complex plane is returned, provided that it does so within
 /// [`CONVERSION_TOLERANCE`].
 ///
 /// # Errors

@@ -1,9 +1,10 @@
 //! Stability of a feedback loop with a pure delay, judged with the delay itself.
 //!
-//! Continuous loops of retarded type, `D(s) + N(s) e^{−sτ} = 0` with deg N < deg D, by the direct method of Walton and Marshall (1987): with
-//! N and D held, the count of roots right of the axis at delay 0 is that of a polynomial, and as the delay grows it changes only where a root
-//! crosses the axis at `jω` with `W(ω²) = |D(jω)|² − |N(jω)|² = 0`, at the delays `(arg(−N/D) + 2πq)/ω`: to the right where W rises, to the left
-//! where it falls. A margin m shifts the variable, `s = v − m`, which multiplies N by `e^{mτ}`.
+//! Continuous loops of retarded type, `D(s) + N(s) e^{−sτ} = 0` with deg N < deg D, by the direct method of Walton and
+//! Marshall (1987): with N and D held, the count of roots right of the axis at delay 0 is that of a polynomial, and as
+//! the delay grows it changes only where a root crosses the axis at `jω` with `W(ω²) = |D(jω)|² − |N(jω)|² = 0`, at the
+//! delays `(arg(−N/D) + 2πq)/ω`: to the right where W rises, to the left where it falls. A margin m shifts the
+//! variable, `s = v − m`, which multiplies N by `e^{mτ}`.
 //!
 //! Sampled loops with a delay of d samples have the polynomial `z^d D(z) + N(z)`.
 
@@ -11,7 +12,8 @@ use super::stability::is_schur_within;
 use crate::num::Polynomial;
 use num_complex::Complex64;
 
-/// A crossing this close to the delay (relative), or a root of W this close to a double one, leaves the loop on the boundary.
+/// A crossing this close to the delay (relative), or a root of W this close to a double one, leaves the loop on the
+/// boundary.
 const CLOSE: f64 = 1e-9;
 
 /// Roots of W whose imaginary part is below this share of their modulus count as real.
@@ -62,8 +64,9 @@ fn square_on_axis(p: &[f64]) -> Polynomial {
     Polynomial::new(even)
 }
 
-/// The number of roots of `D(s) + N(s) e^{−sτ}` with real parts of at least `−margin`; `None` where a root lies on that line to working
-/// precision. Coefficients in descending powers, `margin` in 1/s (it may be negative), `delay` in seconds.
+/// The number of roots of `D(s) + N(s) e^{−sτ}` with real parts of at least `−margin`; `None` where a root lies on that
+/// line to working precision. Coefficients in descending powers, `margin` in 1/s (it may be negative), `delay` in
+/// seconds.
 ///
 /// # Errors
 /// [`DelayError`].
@@ -89,7 +92,8 @@ pub fn roots_right_of(d: &[f64], n: &[f64], delay: f64, margin: f64) -> Result<O
     if at_zero.abs() <= CLOSE * terms {
         return Ok(None);
     }
-    // A root on the axis at delay 0 leaves it as soon as there is a delay; which way, only a count at a small delay could tell.
+    // A root on the axis at delay 0 leaves it as soon as there is a delay; which way, only a count at a small delay
+    // could tell.
     if roots.iter().any(|r| r.re.abs() <= CLOSE * scale) {
         return Ok(None);
     }
@@ -129,7 +133,8 @@ fn derivative(p: &Polynomial) -> Polynomial {
     Polynomial::new(terms.collect::<Vec<_>>())
 }
 
-/// Whether every root of `D(s) + N(s) e^{−sτ}` has `Re s < −margin`, strictly; on the boundary to working precision it has not.
+/// Whether every root of `D(s) + N(s) e^{−sτ}` has `Re s < −margin`, strictly; on the boundary to working precision it
+/// has not.
 ///
 /// # Errors
 /// [`DelayError`].
@@ -153,8 +158,8 @@ pub fn is_stable_sampled(d: &[f64], n: &[f64], samples: usize, radius: f64) -> R
     Ok(is_schur_within(delayed.add(&n).coefficients(), radius))
 }
 
-/// The largest real part of the roots of `D(s) + N(s) e^{−sτ}` within `[lowest, highest]`, by bisection on the exact count, to
-/// `tolerance`; `None` where it lies outside, or the loop cannot be judged.
+/// The largest real part of the roots of `D(s) + N(s) e^{−sτ}` within `[lowest, highest]`, by bisection on the exact
+/// count, to `tolerance`; `None` where it lies outside, or the loop cannot be judged.
 #[must_use]
 pub fn largest_real_part(d: &[f64], n: &[f64], delay: f64, [lowest, highest]: [f64; 2], tolerance: f64) -> Option<f64> {
     let is_left_of = |edge: f64| is_stable_continuous(d, n, delay, -edge);
@@ -180,7 +185,8 @@ mod tests {
     use rand::RngExt;
     use std::f64::consts::PI;
 
-    /// The count by the argument principle: the phase of `D + N e^{−sτ}` along the axis, followed in steps that a bound of the derivative certifies.
+    /// The count by the argument principle: the phase of `D + N e^{−sτ}` along the axis, followed in steps that a bound
+    /// of the derivative certifies.
     fn by_winding(d: &[f64], n: &[f64], delay: f64) -> Option<usize> {
         let (d, n) = (Polynomial::new(d.to_vec()), Polynomial::new(n.to_vec()));
         let f = |w: f64| {
@@ -257,7 +263,8 @@ mod tests {
         assert!(stable > 50 && unstable > 100, "{stable} {unstable}");
     }
 
-    /// `s + k e^{−sτ}` is stable for kτ < π/2, whatever its Padé approximation says; its root of largest real part solves `s + k e^{−sτ} = 0`.
+    /// `s + k e^{−sτ}` is stable for kτ < π/2, whatever its Padé approximation says; its root of largest real part
+    /// solves `s + k e^{−sτ} = 0`.
     #[test]
     fn the_integrator_with_delay_has_its_known_limit() {
         let k = 2.0;

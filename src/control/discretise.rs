@@ -118,8 +118,8 @@ pub fn first_order_hold_state_space(
     StateSpace::new(transition, b, model.c().clone(), d, time).map_err(|_| overflow)
 }
 
-/// The zero-order-hold equivalent of a proper transfer function: `G(z) = (1 − z⁻¹) Z{G(s)/s}`, as Zhang 2015, §5.6.1, samples
-/// the plant, by [`zero_order_hold_state_space`] of its balanced canonical form.
+/// The zero-order-hold equivalent of a proper transfer function: `G(z) = (1 − z⁻¹) Z{G(s)/s}`, as Zhang 2015, §5.6.1,
+/// samples the plant, by [`zero_order_hold_state_space`] of its balanced canonical form.
 ///
 /// # Errors
 /// [`DiscretiseError`]; `IllConditioned` where rounding the coefficients in powers of z would misstate the frequency
@@ -194,9 +194,9 @@ fn product(power: usize, factor: &[f64]) -> Polynomial {
     (0..power).fold(Polynomial::new(vec![1.0]), |p, _| p.mul(&factor))
 }
 
-/// Zero-pole matching: every pole p becomes `e^{pT}`, every zero likewise; of the zeros at infinity one stays there (the
-/// output answers one sample late) and the others go to z = −1. The gain is that of the continuous system at s = 0, or,
-/// with poles or zeros at the origin, that of `s^k G(s)` compared with `((z − 1)/T)^k G(z)`.
+/// Zero-pole matching: every pole p becomes `e^{pT}`, every zero likewise; of the zeros at infinity one stays there
+/// (the output answers one sample late) and the others go to z = −1. The gain is that of the continuous system at s =
+/// 0, or, with poles or zeros at the origin, that of `s^k G(s)` compared with `((z − 1)/T)^k G(z)`.
 ///
 /// # Errors
 /// [`DiscretiseError`] for an improper system, or a root finder that fails; `IllConditioned` as in [`zero_order_hold`].

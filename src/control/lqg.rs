@@ -11,7 +11,8 @@ use num_complex::Complex64;
 
 /// The regulator u = −Kx that minimises `∫ xᵀQx + uᵀRu dt` (`Σ xᵀQx + uᵀRu`).
 ///
-/// A is n×n, B n×m, Q ⪰ 0 n×n, R ≻ 0 m×m; (A, B) must be stabilisable and (A, Q) detectable (Priess 2015, eq. (3.4)–(3.9)).
+/// A is n×n, B n×m, Q ⪰ 0 n×n, R ≻ 0 m×m; (A, B) must be stabilisable and (A, Q) detectable (Priess 2015, eq.
+/// (3.4)–(3.9)).
 ///
 /// # Errors
 /// [`RiccatiError`] naming the matrix or the hypothesis that fails.
@@ -41,8 +42,8 @@ pub struct Kalman {
     pub residual: f64,
 }
 
-/// The filter `x̂⁺ = Ax̂ + Bu + L(y − Cx̂ − Du)` for process noise of intensity W (n×n, ⪰ 0) and measurement noise of intensity V
-/// (p×p, ≻ 0), independent of each other; C is p×n (Priess 2015, eq. (4.3)–(4.5)).
+/// The filter `x̂⁺ = Ax̂ + Bu + L(y − Cx̂ − Du)` for process noise of intensity W (n×n, ⪰ 0) and measurement noise of
+/// intensity V (p×p, ≻ 0), independent of each other; C is p×n (Priess 2015, eq. (4.3)–(4.5)).
 ///
 /// The dual of [`lqr`]: (Aᵀ, Cᵀ, W, V) in place of (A, B, Q, R).
 ///
@@ -101,9 +102,9 @@ pub fn dual(error: RiccatiError) -> RiccatiError {
 
 /// A plant under `u = −Kx̂` with the filter of gain L: states `[x; x̂]`.
 ///
-/// Inputs are the process noise w (n) and the measurement noise v (p); outputs are y (p) and u (m):
-/// `ẋ = Ax − BKx̂ + w`, `x̂' = LCx + (A − BK − LC)x̂ + Lv`, `y = Cx − DKx̂ + v`, `u = −Kx̂`. The feedthrough D cancels in the
-/// filter, which knows u.
+/// Inputs are the process noise w (n) and the measurement noise v (p); outputs are y (p) and u (m): `ẋ = Ax − BKx̂ +
+/// w`, `x̂' = LCx + (A − BK − LC)x̂ + Lv`, `y = Cx − DKx̂ + v`, `u = −Kx̂`. The feedthrough D cancels in the filter,
+/// which knows u.
 ///
 /// # Errors
 /// [`StateSpaceError`] where K (m×n) or L (n×p) does not fit the plant.

@@ -1,6 +1,7 @@
-//! Linear matrix equations: Lyapunov, Stein and Sylvester, through Schur forms (Bartels and Stewart, CACM 15, 820–826, 1972).
+//! Linear matrix equations: Lyapunov, Stein and Sylvester, through Schur forms (Bartels and Stewart, CACM 15, 820–826,
+//! 1972).
 
-use crate::num::linalg::NoConvergence;
+use crate::num::linalg::{NoConvergence, symmetric};
 use crate::num::schur::ComplexSchur;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
@@ -86,7 +87,8 @@ impl Lyapunov {
         self.eigenvalues().all(|v| self.clock.margin(v) > 0.0)
     }
 
-    /// X with `AᵀX + XA + Q = 0` (`AᵀXA − X + Q = 0` in sampled time), for a symmetric Q; symmetric, with one step of iterative refinement.
+    /// X with `AᵀX + XA + Q = 0` (`AᵀXA − X + Q = 0` in sampled time), for a symmetric Q; symmetric, with one step of
+    /// iterative refinement.
     #[must_use]
     pub fn solve(&self, q: &DMatrix<f64>) -> DMatrix<f64> {
         let x = self.raw(q);
@@ -231,12 +233,6 @@ pub fn sylvester(a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>) -> Result
     let x = solve(c);
     let residual = c - a * &x - &x * b;
     Ok(&x + solve(&residual))
-}
-
-/// The symmetric part `(M + Mᵀ)/2`.
-#[must_use]
-pub fn symmetric(m: &DMatrix<f64>) -> DMatrix<f64> {
-    (m + m.transpose()) * 0.5
 }
 
 fn complex(m: &DMatrix<f64>) -> DMatrix<Complex64> {

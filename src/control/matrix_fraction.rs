@@ -1,4 +1,5 @@
-//! Matrix fraction descriptions (Kailath, *Linear Systems*, 1980, chapter 6): transfer matrices as quotients of polynomial matrices.
+//! Matrix fraction descriptions (Kailath, *Linear Systems*, 1980, chapter 6): transfer matrices as quotients of
+//! polynomial matrices.
 
 use super::polynomial_matrix::PolynomialMatrix;
 use super::state_space::{StateSpace, StateSpaceError};
@@ -143,8 +144,8 @@ impl<T: TimeBase> RightFraction<T> {
         Some(solved.transpose())
     }
 
-    /// The controller form: with `D = D_h diag(x^{k_j}) + D_l Ψ(x)` and `N = N_h diag(x^{k_j}) + N_l Ψ(x)`, where Ψ holds
-    /// `x^{k_j − 1} … 1` in its j-th column, chains of k_j delays (integrators) fed by `D_h⁻¹ (u − D_l ξ)`, and
+    /// The controller form: with `D = D_h diag(x^{k_j}) + D_l Ψ(x)` and `N = N_h diag(x^{k_j}) + N_l Ψ(x)`, where Ψ
+    /// holds `x^{k_j − 1} … 1` in its j-th column, chains of k_j delays (integrators) fed by `D_h⁻¹ (u − D_l ξ)`, and
     /// `y = N_h D_h⁻¹ u + (N_l − N_h D_h⁻¹ D_l) ξ` (Kailath, section 6.4.1).
     ///
     /// # Errors
@@ -234,8 +235,8 @@ impl<T: TimeBase> LeftFraction<T> {
         self.denominator.eval(x).lu().solve(&self.numerator.eval(x))
     }
 
-    /// The transfer matrix, row by row: `adj(D) N / det(D)`. Where D is diagonal each row keeps its own denominator; otherwise
-    /// common factors are not cancelled.
+    /// The transfer matrix, row by row: `adj(D) N / det(D)`. Where D is diagonal each row keeps its own denominator;
+    /// otherwise common factors are not cancelled.
     ///
     /// # Errors
     /// [`TransferFunctionError`] where D is singular or a coefficient overflows.

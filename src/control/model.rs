@@ -8,16 +8,17 @@ use crate::num::Polynomial;
 use crate::num::linalg::NoConvergence;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// A linear time-invariant system as written in JSON; nothing about it is checked yet.
 ///
 /// A transfer function `{"num", "den", "sample_time_s"}` has its coefficients in descending powers; a state space model
 /// `{"a", "b", "c", "d", "sample_time_s"}` has row-major nested arrays. `sample_time_s` is null (or absent) in
 /// continuous time.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged, try_from = "Fields")]
+#[schemars(!try_from)]
 pub enum Model {
     /// Rational transfer function.
     TransferFunction(TransferFunctionModel),
@@ -26,9 +27,9 @@ pub enum Model {
 }
 
 /// A transfer function as written in JSON.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(example = json!({"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}))]
+#[schemars(example = serde_json::json!({"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}))]
 pub struct TransferFunctionModel {
     /// Numerator coefficients, descending powers.
     pub num: Vec<f64>,
@@ -40,7 +41,7 @@ pub struct TransferFunctionModel {
 }
 
 /// A state space model as written in JSON, row-major.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StateSpaceModel {
     /// State matrix, n×n.
@@ -98,7 +99,7 @@ pub enum ModelError {
 }
 
 /// How many states, inputs and outputs a model has.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelShape {
     /// Number of states, n; for a transfer function the degree of its denominator.
     pub states: usize,
@@ -184,7 +185,8 @@ impl Model {
     /// The number of states, inputs and outputs of any well-formed model, several inputs and outputs included.
     ///
     /// # Errors
-    /// [`ModelError`] where sizes disagree, rows are ragged, the sample time is not positive, or a coefficient is not finite.
+    /// [`ModelError`] where sizes disagree, rows are ragged, the sample time is not positive, or a coefficient is not
+    /// finite.
     pub fn shape(&self) -> Result<ModelShape, ModelError> {
         fn shape<T: TimeBase>(model: &StateSpace<T>) -> ModelShape {
             ModelShape { states: model.states(), inputs: model.inputs(), outputs: model.outputs() }

@@ -10,16 +10,17 @@ use super::transfer_function::{TransferFunction, TransferFunctionError};
 use crate::num::Polynomial;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// A system with any number of inputs and outputs as written in JSON; nothing about it is checked yet. Four forms:
 ///
 /// - state space `{"a", "b", "c", "d", "sample_time_s"}`, row-major nested arrays;
 /// - transfer matrix `{"transfer_functions": [[{"num", "den"}, ..], ..], "sample_time_s"}`, one row for each output;
-/// - right matrix fraction `N D⁻¹` as `{"numerator": [[[..], ..], ..], "denominator": [[[..], ..], ..], "sample_time_s"}`, entries in descending powers;
+/// - right matrix fraction `N D⁻¹` as `{"numerator": [[[..], ..], ..], "denominator": [[[..], ..], ..],
+///   "sample_time_s"}`, entries in descending powers;
 /// - transfer function `{"num", "den", "sample_time_s"}`, one input and one output.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[serde(untagged)]
 pub enum MultivariableModel {
     /// State space matrices.
@@ -34,9 +35,10 @@ pub enum MultivariableModel {
 
 /// A matrix of transfer functions as written in JSON.
 ///
-/// Entries of a column that share their denominator (number by number) share its modes; any other two denominators of a column are multiplied,
-/// and modes of different columns are always different ones. Where columns share modes, give state space or a fraction.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Entries of a column that share their denominator (number by number) share its modes; any other two denominators of a
+/// column are multiplied, and modes of different columns are always different ones. Where columns share modes, give
+/// state space or a fraction.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TransferMatrixModel {
     /// Row by row: one row for each output, one column for each input.
@@ -47,7 +49,7 @@ pub struct TransferMatrixModel {
 }
 
 /// An entry of a matrix of transfer functions.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TransferEntry {
     /// Numerator coefficients, descending powers.
@@ -57,7 +59,7 @@ pub struct TransferEntry {
 }
 
 /// A right matrix fraction `N D⁻¹` as written in JSON: nested rows of coefficients in descending powers.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RightFractionModel {
     /// N, p×m.

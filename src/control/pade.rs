@@ -4,16 +4,17 @@ use nalgebra::DMatrix;
 
 /// The Padé approximation of order q of `e^{−p}`, `p = τs`, as `ξ' = a ξ + b e`, `output = c ξ + d e`: a, b, c and d.
 ///
-/// With `coth(p/2) = 2/p + 1/(6/p + 1/(10/p + …))` cut after q terms, `(coth − 1)/(coth + 1)` is the diagonal Padé approximant. Its terms
-/// are the elements of a lossless ladder, whose states scaled to their energies give entries of like size at any order; a companion form of
-/// order 5 has entries of 30240 beside 1.
+/// With `coth(p/2) = 2/p + 1/(6/p + 1/(10/p + …))` cut after q terms, `(coth − 1)/(coth + 1)` is the diagonal Padé
+/// approximant. Its terms are the elements of a lossless ladder, whose states scaled to their energies give entries of
+/// like size at any order; a companion form of order 5 has entries of 30240 beside 1.
 #[must_use]
 pub fn pade(order: usize) -> (DMatrix<f64>, Vec<f64>, Vec<f64>, f64) {
     let size = |k: usize| 2.0 * (2 * k + 1) as f64;
     let root = |k: usize| size(k).sqrt();
-    // Elements 0, 2, 4, .. integrate currents i, elements 1, 3, .. voltages v: the voltage behind element k is the sum of the even states
-    // from k on, the current is the input e less the voltage at the front and the odd states before k.
-    // So it is where the last element is a current, that is for odd orders; for even ones the voltages end the ladder, and both change places.
+    // Elements 0, 2, 4, .. integrate currents i, elements 1, 3, .. voltages v: the voltage behind element k is the sum
+    // of the even states from k on, the current is the input e less the voltage at the front and the odd states before
+    // k. So it is where the last element is a current, that is for odd orders; for even ones the voltages end the
+    // ladder, and both change places.
     let is_driven = |k: usize| k % 2 != order % 2;
     let through = if order.is_multiple_of(2) { 1.0 } else { -1.0 };
     let mut a = DMatrix::zeros(order, order);

@@ -1,11 +1,12 @@
-//! Linear models whose matrices depend on named parameters, with their derivatives: what a fit and a Fisher information need.
+//! Linear models whose matrices depend on named parameters, with their derivatives: what a fit and a Fisher information
+//! need.
 //!
 //! ```text
 //! x⁺ = A(θ) x + B(θ) u,   y = C(θ) x + D(θ) u,   x(0) = x₀(θ)
 //! ```
-//! A [`ParametricModel`] writes its matrices once, for any [`Real`]: with numbers they are the model, with [dual numbers](Dual) their exact
-//! derivatives as well. [`Differentiated::sampled`] carries those through the zero-order hold and [`Differentiated::respond`] through a
-//! simulation, so that no step needs a difference quotient.
+//! A [`ParametricModel`] writes its matrices once, for any [`Real`]: with numbers they are the model, with [dual
+//! numbers](Dual) their exact derivatives as well. [`Differentiated::sampled`] carries those through the zero-order
+//! hold and [`Differentiated::respond`] through a simulation, so that no step needs a difference quotient.
 
 use super::discretise::{DiscretiseError, zero_order_hold_state_space};
 use super::exponential::matrix_exponential;
@@ -90,7 +91,8 @@ pub trait ParametricModel {
     /// The names of the parameters, in the order of θ.
     fn names(&self) -> Vec<String>;
 
-    /// For each parameter the least and the largest value for which the model is defined; infinite where there is no limit.
+    /// For each parameter the least and the largest value for which the model is defined; infinite where there is no
+    /// limit.
     fn limits(&self) -> Vec<[f64; 2]>;
 
     /// The matrices at θ, which has as many entries as there are names and lies within the limits.
@@ -214,8 +216,8 @@ impl Realisation<Continuous> {
 impl Differentiated<Continuous> {
     /// The exact samples for inputs held between samples, and their derivatives.
     ///
-    /// With `X = [A B; 0 0] T` and `E = [∂A ∂B; 0 0] T` the derivative of `e^X` in the direction E is the upper right block of
-    /// `exp [X E; 0 X]` (Van Loan 1978).
+    /// With `X = [A B; 0 0] T` and `E = [∂A ∂B; 0 0] T` the derivative of `e^X` in the direction E is the upper right
+    /// block of `exp [X E; 0 X]` (Van Loan 1978).
     ///
     /// # Errors
     /// [`DiscretiseError::Overflow`].

@@ -66,8 +66,8 @@ pub enum Hold {
 
 /// The output of a sampled system at rest to an input, sample by sample.
 ///
-/// Transposed direct form II with the delay line in doubled precision, so the result is that of the coefficients as given;
-/// plain `f64` loses six digits on a plant of fourth order at 500 Hz.
+/// Transposed direct form II with the delay line in doubled precision, so the result is that of the coefficients as
+/// given; plain `f64` loses six digits on a plant of fourth order at 500 Hz.
 ///
 /// # Errors
 /// [`SimulationError::Improper`], or [`SimulationError::Overflow`] where an unstable system leaves the finite numbers.
@@ -125,8 +125,8 @@ impl DelayLine {
     }
 }
 
-/// The samples of a continuous system's output, at rest before the first sample, when its input follows `hold` between the
-/// samples of `input`.
+/// The samples of a continuous system's output, at rest before the first sample, when its input follows `hold` between
+/// the samples of `input`.
 ///
 /// Exact for such an input: `x⁺ = Φ x + Γ₀ u + Γ₁ (u⁺ − u)` from matrix exponentials (without Γ₁ for [`Hold::Zero`]).
 ///

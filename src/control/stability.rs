@@ -1,10 +1,10 @@
 //! Whether all roots of a polynomial are stable, without computing them.
 //!
-//! All tests are strict: a root on the boundary is not stable. Every entry of the Routh or Schur–Cohn scheme carries a first-order
-//! bound of its rounding error, the given coefficients themselves being taken as rounded ([`GIVEN`]). An entry whose sign its bound
-//! leaves open counts as zero: such a polynomial has a root on the boundary to working precision, and the answer is
-//! "not stable". So ties on decimal grids are decided the same way every time, and what is called stable stays so when its
-//! coefficients are rounded. The functions on slices do not allocate up to degree 31.
+//! All tests are strict: a root on the boundary is not stable. Every entry of the Routh or Schur–Cohn scheme carries a
+//! first-order bound of its rounding error, the given coefficients themselves being taken as rounded ([`GIVEN`]). An
+//! entry whose sign its bound leaves open counts as zero: such a polynomial has a root on the boundary to working
+//! precision, and the answer is "not stable". So ties on decimal grids are decided the same way every time, and what is
+//! called stable stays so when its coefficients are rounded. The functions on slices do not allocate up to degree 31.
 
 use super::time_base::TimeBase;
 use crate::num::Polynomial;
@@ -67,7 +67,8 @@ pub fn is_schur_within(p: &[f64], radius: f64) -> bool {
         if !radius.is_normal() || radius < 0.0 {
             return false;
         }
-        // p(radius·z) has its roots in the unit disc; divided by the power at the leading end, so nothing overflows early.
+        // p(radius·z) has its roots in the unit disc; divided by the power at the leading end, so nothing overflows
+        // early.
         if radius != 1.0 {
             let mut power = 1.0;
             for (steps, (c, e)) in scaled.iter_mut().zip(errors.iter_mut()).enumerate() {
@@ -80,8 +81,9 @@ pub fn is_schur_within(p: &[f64], radius: f64) -> bool {
     })
 }
 
-/// [`is_schur_within`] for coefficients that were computed: `errors` bounds what rounding did to each of them. A polynomial that any
-/// polynomial within these bounds could turn into one with a root on or outside the circle counts, to first order, as not stable.
+/// [`is_schur_within`] for coefficients that were computed: `errors` bounds what rounding did to each of them. A
+/// polynomial that any polynomial within these bounds could turn into one with a root on or outside the circle counts,
+/// to first order, as not stable.
 ///
 /// The degree is that of the slice: a leading coefficient that its error leaves open is not stable either.
 ///

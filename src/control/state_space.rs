@@ -5,10 +5,11 @@ use crate::num::linalg::{self, NoConvergence};
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 
-/// `x⁺ = A x + B u`, `y = C x + D u`, where `x⁺` is the derivative in continuous time and the next state in sampled time.
+/// `x⁺ = A x + B u`, `y = C x + D u`, where `x⁺` is the derivative in continuous time and the next state in sampled
+/// time.
 ///
-/// With n states, m inputs and p outputs, A is n×n, B is n×m, C is p×n and D is p×m. n may be 0 (a static gain); m and p
-/// are at least 1. Every entry is finite.
+/// With n states, m inputs and p outputs, A is n×n, B is n×m, C is p×n and D is p×m. n may be 0 (a static gain); m and
+/// p are at least 1. Every entry is finite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StateSpace<T> {
     a: DMatrix<f64>,

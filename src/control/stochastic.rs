@@ -1,8 +1,8 @@
 //! White noise and quadratic costs over one sample (Van Loan, IEEE TAC 23, 395–404, 1978).
 
 use super::exponential::matrix_exponential;
-use super::lyapunov::symmetric;
 use super::time_base::Discrete;
+use crate::num::linalg::symmetric;
 use nalgebra::DMatrix;
 
 /// Why a noise or a cost could not be sampled.
@@ -37,7 +37,8 @@ pub struct SampledNoise {
     pub covariance: DMatrix<f64>,
 }
 
-/// Samples `ẋ = Ax + w` with white noise of intensity W, n×n: from `exp([−A W; 0 Aᵀ]T) = [· F; 0 Φᵀ]` the covariance is ΦF.
+/// Samples `ẋ = Ax + w` with white noise of intensity W, n×n: from `exp([−A W; 0 Aᵀ]T) = [· F; 0 Φᵀ]` the covariance is
+/// ΦF.
 ///
 /// # Errors
 /// [`StochasticError`].
@@ -86,7 +87,8 @@ pub struct SampledCost {
     pub r: DMatrix<f64>,
 }
 
-/// Samples `ẋ = Ax + Bu` with u held and the cost `∫ xᵀQx + uᵀRu dt`: the noise covariance of the adjoint system with state `[x; u]`.
+/// Samples `ẋ = Ax + Bu` with u held and the cost `∫ xᵀQx + uᵀRu dt`: the noise covariance of the adjoint system with
+/// state `[x; u]`.
 ///
 /// # Errors
 /// [`StochasticError`].

@@ -39,7 +39,8 @@ impl<T: TimeBase> TransferFunction<T> {
     /// From coefficients in descending powers.
     ///
     /// # Errors
-    /// [`TransferFunctionError`] for an empty or zero denominator, an empty numerator, or a coefficient that is not finite.
+    /// [`TransferFunctionError`] for an empty or zero denominator, an empty numerator, or a coefficient that is not
+    /// finite.
     pub fn new(num: &[f64], den: &[f64], time: T) -> Result<Self, TransferFunctionError> {
         for (part, coefficients) in [("num", num), ("den", den)] {
             if let Some(index) = coefficients.iter().position(|c| !c.is_finite()) {

@@ -1,12 +1,13 @@
 //! The BLAS and LAPACK routines that clarabel's semidefinite cones call, in Rust.
 //!
-//! Every other provider downloads something or needs cmake or a Fortran compiler. This is the one file of the crate with `unsafe` code:
-//! the routines take raw pointers by the Fortran convention (all arguments by address, matrices by columns with a leading dimension),
-//! copy them into matrices, and compute with `nalgebra` and `faer`. Matrices here have some tens of rows; the copies do not matter.
+//! Every other provider downloads something or needs cmake or a Fortran compiler. This is the one file of the crate
+//! with `unsafe` code: the routines take raw pointers by the Fortran convention (all arguments by address, matrices by
+//! columns with a leading dimension), copy them into matrices, and compute with `nalgebra` and `faer`. Matrices here
+//! have some tens of rows; the copies do not matter.
 //!
-//! Only what clarabel asks for is supported: both triangles, both transpositions, workspace queries, `jobz` N, V and S, strides of 1 and
-//! more. Any other request ends with `info = −1`, which clarabel reports as a failure, or leaves the output as NaN where a routine has no
-//! `info`.
+//! Only what clarabel asks for is supported: both triangles, both transpositions, workspace queries, `jobz` N, V and S,
+//! strides of 1 and more. Any other request ends with `info = −1`, which clarabel reports as a failure, or leaves the
+//! output as NaN where a routine has no `info`.
 #![allow(unsafe_code)]
 
 use nalgebra::{DMatrix, DVector, RealField};

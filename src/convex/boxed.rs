@@ -3,13 +3,13 @@
 //! ```text
 //! maximise  cᵀx   subject to   l ≤ x ≤ u   and   a ≤ A x ≤ b          (n unknowns, m rows)
 //! ```
-//! Mehrotra's predictor and corrector on the bounded form `A x − s = 0`, `a ≤ s ≤ b` (Wright, Primal-Dual Interior-Point Methods, 1997,
-//! ch. 10–11). The box never enters the linear algebra: one step factors the m×m matrix `A Θ Aᵀ + Θ_s`, that is `m²n + m³/3` operations. No
-//! start is needed, and none is asked for.
+//! Mehrotra's predictor and corrector on the bounded form `A x − s = 0`, `a ≤ s ≤ b` (Wright, Primal-Dual
+//! Interior-Point Methods, 1997, ch. 10–11). The box never enters the linear algebra: one step factors the m×m matrix
+//! `A Θ Aᵀ + Θ_s`, that is `m²n + m³/3` operations. No start is needed, and none is asked for.
 //!
 //! # The proof
-//! For any multipliers y of the rows, `cᵀx = (c − Aᵀy)ᵀx + yᵀ(Ax)`, and so every feasible x has
-//! `cᵀx ≤ Σ_j max(r_j l_j, r_j u_j) + Σ_i max(y_i a_i, y_i b_i)` with `r = c − Aᵀy`. [`Solution::bound`] is this number, computed from the
+//! For any multipliers y of the rows, `cᵀx = (c − Aᵀy)ᵀx + yᵀ(Ax)`, and so every feasible x has `cᵀx ≤ Σ_j max(r_j l_j,
+//! r_j u_j) + Σ_i max(y_i a_i, y_i b_i)` with `r = c − Aᵀy`. [`Solution::bound`] is this number, computed from the
 //! multipliers as they stand: it holds whatever the solver did.
 
 use crate::ctl::{Ctl, Stopped};

@@ -1,7 +1,7 @@
 //! Conic programs in words, solved by clarabel.
 //!
-//! `minimise ½ xᵀPx + qᵀx` subject to affine expressions that are zero, at least zero, in a second-order cone or positive semidefinite.
-//! A solve is not interrupted: a [`Ctl`] is looked at before and after.
+//! `minimise ½ xᵀPx + qᵀx` subject to affine expressions that are zero, at least zero, in a second-order cone or
+//! positive semidefinite. A solve is not interrupted: a [`Ctl`] is looked at before and after.
 
 use super::svec;
 use crate::ctl::{Ctl, Stopped};

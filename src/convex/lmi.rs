@@ -4,9 +4,10 @@
 //! minimise  cᵀz + ½ zᵀHz   subject to   S_k(z) = F_k0 + Σ_i z_i F_ki ⪰ 0   for every block k
 //! maximise  −½ zᵀHz − Σ tr(F_k0 X_k)   subject to   Σ_k tr(F_ki X_k) = (c + Hz)_i,   X_k ⪰ 0
 //! ```
-//! Nesterov and Todd's scaling with Mehrotra's predictor and corrector (Vandenberghe, The CVXOPT linear and quadratic cone program
-//! solvers, 2010). It starts at a strictly feasible z and never leaves the interior: each S_k is computed from z anew, so that it is
-//! exactly what z says. With N unknowns and blocks of size d one step costs `N Σ d³ + N² Σ d²/2` operations.
+//! Nesterov and Todd's scaling with Mehrotra's predictor and corrector (Vandenberghe, The CVXOPT linear and quadratic
+//! cone program solvers, 2010). It starts at a strictly feasible z and never leaves the interior: each S_k is computed
+//! from z anew, so that it is exactly what z says. With N unknowns and blocks of size d one step costs `N Σ d³ + N² Σ
+//! d²/2` operations.
 
 use super::svec;
 use crate::ctl::{Ctl, Stopped};
@@ -196,8 +197,8 @@ impl Scaled {
     }
 }
 
-/// Singular values and right singular vectors, by one-sided Jacobi rotations: small values come out with high relative accuracy, and
-/// small matrices without a call into a blocked decomposition.
+/// Singular values and right singular vectors, by one-sided Jacobi rotations: small values come out with high relative
+/// accuracy, and small matrices without a call into a blocked decomposition.
 fn right_singular(a: &DMatrix<f64>) -> Option<(DVector<f64>, DMatrix<f64>)> {
     let d = a.nrows();
     if d > 12 {
@@ -290,8 +291,8 @@ struct Direction {
     dx: Vec<DMatrix<f64>>,
 }
 
-/// Least squares `min ‖F dz − d‖² + dzᵀH dz + 2 rᵀdz` by orthogonal factors: forming FᵀF would lose half of the digits, and near the
-/// optimum F is as ill-conditioned as the problem is well solved.
+/// Least squares `min ‖F dz − d‖² + dzᵀH dz + 2 rᵀdz` by orthogonal factors: forming FᵀF would lose half of the digits,
+/// and near the optimum F is as ill-conditioned as the problem is well solved.
 struct LeastSquares {
     q: DMatrix<f64>,
     r: DMatrix<f64>,
@@ -470,8 +471,8 @@ pub fn solve(problem: &Problem, start: &DVector<f64>, ctl: &Ctl) -> Result<Solut
     best.ok_or(LmiError::Infeasible { block: 0 })
 }
 
-/// The μ with which `X = μS⁻¹` comes nearest to dual feasibility, in the metric of the barrier's Hessian (which knows no units); large
-/// enough that what is missing is no larger than the barrier's own gradient.
+/// The μ with which `X = μS⁻¹` comes nearest to dual feasibility, in the metric of the barrier's Hessian (which knows
+/// no units); large enough that what is missing is no larger than the barrier's own gradient.
 fn starting_mu(problem: &Problem, s: &[Factor], inverses: &[DMatrix<f64>], gradient: &DVector<f64>) -> f64 {
     let unknowns = gradient.len();
     let barrier = problem.blocks.iter().zip(inverses).fold(DVector::zeros(unknowns), |sum, (b, x)| sum + b.adjoint(x));

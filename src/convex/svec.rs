@@ -1,6 +1,7 @@
 //! Symmetric matrices as vectors, with the inner product kept: `svec(A)·svec(B) = tr(AB)`.
 //!
-//! The upper triangle column by column, off-diagonal entries times √2: the order and the scaling of clarabel's semidefinite cone.
+//! The upper triangle column by column, off-diagonal entries times √2: the order and the scaling of clarabel's
+//! semidefinite cone.
 
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::SQRT_2;

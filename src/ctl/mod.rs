@@ -1,9 +1,9 @@
 //! The handle between a computation and whoever waits for it.
 //!
 //! A kernel calls [`Ctl::check`] often enough to stop within half a second and reports its progress with
-//! [`Ctl::set_total`] and [`Ctl::advance`]; a search for a smallest cost tells with [`Ctl::set_bracket`] how near it is. Whoever waits
-//! calls [`Ctl::stop`], [`Ctl::progress`] and [`Ctl::bracket`]. There is no clock here: a deadline is somebody with a clock calling
-//! `stop(StopReason::Deadline)`.
+//! [`Ctl::set_total`] and [`Ctl::advance`]; a search for a smallest cost tells with [`Ctl::set_bracket`] how near it
+//! is. Whoever waits calls [`Ctl::stop`], [`Ctl::progress`] and [`Ctl::bracket`]. There is no clock here: a deadline is
+//! somebody with a clock calling `stop(StopReason::Deadline)`.
 
 mod bracket;
 
@@ -19,8 +19,8 @@ pub enum StopReason {
     Cancelled = 1,
     /// The time that the analysis was given has passed.
     Deadline = 2,
-    /// The lease went to another worker; whatever is computed now would be thrown away.
-    LeaseLost = 3,
+    /// Nobody waits for the result any more; whatever is computed now would be thrown away.
+    Withdrawn = 3,
     /// The process is going down and hands the work back.
     Shutdown = 4,
 }
@@ -70,7 +70,7 @@ impl Ctl {
             0 => Ok(()),
             1 => Err(Stopped(StopReason::Cancelled)),
             2 => Err(Stopped(StopReason::Deadline)),
-            3 => Err(Stopped(StopReason::LeaseLost)),
+            3 => Err(Stopped(StopReason::Withdrawn)),
             _ => Err(Stopped(StopReason::Shutdown)),
         }
     }
@@ -98,8 +98,8 @@ impl Ctl {
         *self.held() = None;
     }
 
-    /// Adds what a search has found and proven to what is known: the incumbent only falls (its index with it), the bound only
-    /// rises. What is no number is passed over. Takes a lock, so not for every candidate.
+    /// Adds what a search has found and proven to what is known: the incumbent only falls (its index with it), the
+    /// bound only rises. What is no number is passed over. Takes a lock, so not for every candidate.
     pub fn set_bracket(&self, bracket: Bracket) {
         let Some(bracket) = bracket.checked() else { return };
         let mut held = self.held();

@@ -5,24 +5,27 @@
 //! γ²(f_ub) = the same over the lines of a band               (15)
 //! SFG      = γ_y²/γ_x²                                       (7), (16)
 //! ```
-//! Which lines carry power is known from how a signal was made, never from the size of a computed number; lines without any (0 Hz and the
-//! even ones of a ternary sequence, say) do not count. A band reaches up to and including the first line at or above its upper end, which
-//! is what reproduces the printed γ_r²(5 Hz) = 0.3896 and γ_r²(10 Hz) = 0.1921.
+//! Which lines carry power is known from how a signal was made, never from the size of a computed number; lines without
+//! any (0 Hz and the even ones of a ternary sequence, say) do not count. A band reaches up to and including the first
+//! line at or above its upper end, which is what reproduces the printed γ_r²(5 Hz) = 0.3896 and γ_r²(10 Hz) = 0.1921.
 
 use super::spectrum::Spectrum;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Frequencies that differ by less than this share are one.
 const SAME: f64 = 1e-9;
 
 /// A frequency band: its upper end (from 0 Hz), or both ends, in Hz.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
+#[schemars(rename = "FrequencyBand")]
 pub enum Band {
-    /// From 0 Hz to this.
+    /// From 0 Hz to this, in Hz.
+    #[schemars(title = "BandUpTo")]
     UpTo(f64),
-    /// From the one to the other.
+    /// From the one to the other, in Hz.
+    #[schemars(title = "BandBetween")]
     Between([f64; 2]),
 }
 
@@ -83,8 +86,8 @@ impl Band {
         Ok(())
     }
 
-    /// The part of `lines` (multiples of `spacing_hz`, increasing) that lies in the band: from its lower end, included, up to and including
-    /// the first line at or above its upper end.
+    /// The part of `lines` (multiples of `spacing_hz`, increasing) that lies in the band: from its lower end, included,
+    /// up to and including the first line at or above its upper end.
     ///
     /// # Errors
     /// [`BandError::TooFewLines`].
@@ -101,7 +104,8 @@ impl Band {
     }
 }
 
-/// The spectral flatness of some powers: geometric over arithmetic mean, from 0 to 1. 0 where one of them is zero, or there are none.
+/// The spectral flatness of some powers: geometric over arithmetic mean, from 0 to 1. 0 where one of them is zero, or
+/// there are none.
 #[must_use]
 pub fn flatness(powers: impl Iterator<Item = f64> + Clone) -> f64 {
     let (mut count, mut logs, mut sum) = (0.0, 0.0, 0.0);

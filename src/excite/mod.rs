@@ -1,7 +1,8 @@
 //! Excitation: the perturbations of an experiment, how good they are, and the loop that carries them to the person.
 //!
-//! [`sequence`] makes them, [`spectrum`] and [`flatness`] judge them (Qiu 2021, equations 1–16), [`path`] carries them through a plant or a
-//! position loop, [`compensator`] shapes that loop, and [`motion`] says what they ask of a device and of a body.
+//! [`sequence`] makes them, [`spectrum`] and [`flatness`] judge them (Qiu 2021, equations 1–16), [`path`] carries them
+//! through a plant or a position loop, [`compensator`] shapes that loop, and [`motion`] says what they ask of a device
+//! and of a body.
 
 pub mod compensator;
 pub mod design;

@@ -3,17 +3,18 @@
 use super::path::SampledPlant;
 use crate::control::discretise::{DiscretiseError, zero_order_hold_state_space};
 use nalgebra::DVector;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Peak and root mean square of one quantity.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "MotionExtent")]
 pub struct Extent {
-    /// The largest magnitude.
+    /// The largest magnitude, in the unit of the quantity.
     pub peak: f64,
-    /// Root mean square.
+    /// Root mean square, in the unit of the quantity.
     pub rms: f64,
-    /// The limit of the peak, where one was given.
+    /// The limit of the peak, in the unit of the quantity; null where none was given.
     #[serde(default)]
     pub limit: Option<f64>,
     /// Whether the peak keeps the limit; null without one.
@@ -22,22 +23,22 @@ pub struct Extent {
 }
 
 /// Limits on peaks, in the units of the signals.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotionLimits {
-    /// Of the position.
+    /// Of the position, in its unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position: Option<f64>,
-    /// Of the velocity, per second.
+    /// Of the velocity, in the unit of the position per second.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub velocity: Option<f64>,
-    /// Of the acceleration, per second squared.
+    /// Of the acceleration, in the unit of the position per second squared.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub acceleration: Option<f64>,
-    /// Of the force or torque at the plant's input.
+    /// Of the force or torque at the plant's input, in its unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force: Option<f64>,
-    /// Of force times velocity.
+    /// Of force times velocity, in their units.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub power: Option<f64>,
 }
@@ -69,23 +70,24 @@ impl MotionLimits {
 }
 
 /// How velocity and acceleration were found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Derivatives {
-    /// From the states of the plant in continuous time, exact at the samples, with the jumps of the acceleration from both sides.
+    /// From the states of the plant in continuous time, exact at the samples, with the jumps of the acceleration from
+    /// both sides.
     States,
     /// Differences over one sample: means over that time, whose peaks may be higher in between.
     Differences,
 }
 
 /// Peaks and root mean squares of a motion.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MotionSummary {
     /// Of the position; null where only a force is known, as are velocity and acceleration.
     pub position: Option<Extent>,
-    /// Of the velocity.
+    /// Of the velocity, in the unit of the position per second.
     pub velocity: Option<Extent>,
-    /// Of the acceleration.
+    /// Of the acceleration, in the unit of the position per second squared.
     pub acceleration: Option<Extent>,
     /// Of the force or torque at the plant's input; null where none is known.
     pub force: Option<Extent>,
@@ -132,7 +134,8 @@ impl Motion {
         }
     }
 
-    /// The motion of a position that is known by its samples: velocity `(x_{k+1} − x_k)/T`, acceleration the difference of velocities.
+    /// The motion of a position that is known by its samples: velocity `(x_{k+1} − x_k)/T`, acceleration the difference
+    /// of velocities.
     ///
     /// # Panics
     /// If there is a force of another length, which is a mistake of the caller.
@@ -153,8 +156,8 @@ impl Motion {
     }
 
     /// The motion of a plant's output from rest when this force is held between samples: `y`, `ẏ = C A x + C B u` and
-    /// `ÿ = C A² x + C A B u`, where the plant is known in continuous time and its output cannot jump (`D = 0`; for the acceleration
-    /// `C B = 0` too); by [`Motion::of_samples`] of `position` otherwise.
+    /// `ÿ = C A² x + C A B u`, where the plant is known in continuous time and its output cannot jump (`D = 0`; for the
+    /// acceleration `C B = 0` too); by [`Motion::of_samples`] of `position` otherwise.
     ///
     /// # Errors
     /// [`DiscretiseError::Overflow`].

@@ -14,11 +14,11 @@ use crate::control::{
 use crate::num::linalg::NoConvergence;
 use crate::num::{Complex64, Polynomial};
 use crate::person::two_degrees_of_freedom::{LoopError, TwoDegreesOfFreedom};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// How a plant in continuous time is seen by sampled signals.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Discretisation {
     /// Its input is held between samples: what a digital controller's output does.
@@ -95,8 +95,8 @@ pub struct SampledPlant {
     sampled: TransferFunction<Discrete>,
 }
 
-/// β₁ and β₂ of the linear drive `1/(m s² + c s)` behind a zero-order hold, `P₀(z) = (β₁ z + β₂)/((z − 1)(z − e^{−bT}))` with b = c/m
-/// (Qiu 2021, equations 17–18).
+/// β₁ and β₂ of the linear drive `1/(m s² + c s)` behind a zero-order hold, `P₀(z) = (β₁ z + β₂)/((z − 1)(z −
+/// e^{−bT}))` with b = c/m (Qiu 2021, equations 17–18).
 ///
 /// ```text
 /// β₁ = (T²/m) (e^{−x} − 1 + x)/x²        β₂ = (T²/m) (1 − e^{−x} − x e^{−x})/x²        x = bT
@@ -122,7 +122,8 @@ pub fn mass_damper_pulse(mass_kg: f64, damping_ns_per_m: f64, sample_time_s: f64
 }
 
 impl SampledPlant {
-    /// The linear drive `P(s) = 1/(m s² + c s)` from force to position, its force held between samples (Qiu 2021, section IV.B).
+    /// The linear drive `P(s) = 1/(m s² + c s)` from force to position, its force held between samples (Qiu 2021,
+    /// section IV.B).
     ///
     /// # Errors
     /// [`PathError::MassDamper`] for a mass that is not positive or a damping that is negative.

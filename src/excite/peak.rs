@@ -40,8 +40,8 @@ pub fn golden(mut f: impl FnMut(f64) -> f64, mut low: f64, mut high: f64) -> Pea
 
 /// The supremum of a gain over 0 … Nyquist (`h∞` of a stable sampled system), where `gain(ω)` is its magnitude.
 ///
-/// The gain is looked at on a logarithmic grid and around `hints` (the angular frequencies of lightly damped poles, with their decay rates),
-/// and every local maximum among these points is refined by golden section.
+/// The gain is looked at on a logarithmic grid and around `hints` (the angular frequencies of lightly damped poles,
+/// with their decay rates), and every local maximum among these points is refined by golden section.
 pub fn supremum(gain: impl Fn(f64) -> f64, nyquist_rad_s: f64, hints: &[[f64; 2]]) -> Peak {
     let points = grid(nyquist_rad_s, hints);
     let values: Vec<f64> = points.iter().map(|w| gain(*w)).collect();
@@ -62,7 +62,8 @@ pub fn supremum(gain: impl Fn(f64) -> f64, nyquist_rad_s: f64, hints: &[[f64; 2]
     best
 }
 
-/// The resonance: the largest maximum of a gain strictly between 0 and Nyquist that exceeds the gain at 0 Hz; `None` where there is none.
+/// The resonance: the largest maximum of a gain strictly between 0 and Nyquist that exceeds the gain at 0 Hz; `None`
+/// where there is none.
 pub fn resonance(gain: impl Fn(f64) -> f64, nyquist_rad_s: f64, hints: &[[f64; 2]]) -> Option<Peak> {
     let at_zero = gain(0.0);
     let peak = supremum(&gain, nyquist_rad_s, hints);

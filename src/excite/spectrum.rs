@@ -71,7 +71,8 @@ impl Spectrum {
         2.0 * std::f64::consts::PI * line as f64 / (self.samples as f64 * self.sample_time_s)
     }
 
-    /// The part of the mean square that a line carries: `2|X̄|²/N²`, or half of that at 0 Hz and at the Nyquist frequency.
+    /// The part of the mean square that a line carries: `2|X̄|²/N²`, or half of that at 0 Hz and at the Nyquist
+    /// frequency.
     #[must_use]
     pub fn share(&self, line: usize) -> f64 {
         let doubled = if line == 0 || 2 * line == self.samples { 1.0 } else { 2.0 };
@@ -84,9 +85,10 @@ impl Spectrum {
         (1..self.samples.div_ceil(2)).collect()
     }
 
-    /// The lines below the Nyquist frequency that carry power: `threshold` of the strongest one's, and, of several periods, more than noise
-    /// alone brings about once in a hundred records (`P |X̄|²/s²` has the F distribution with 2 and 2P − 2 degrees of freedom without a
-    /// signal, whose tail is `(1 + F/(P − 1))^{−(P−1)}`; Bonferroni's correction for the number of lines).
+    /// The lines below the Nyquist frequency that carry power: `threshold` of the strongest one's, and, of several
+    /// periods, more than noise alone brings about once in a hundred records (`P |X̄|²/s²` has the F distribution with
+    /// 2 and 2P − 2 degrees of freedom without a signal, whose tail is `(1 + F/(P − 1))^{−(P−1)}`; Bonferroni's
+    /// correction for the number of lines).
     #[must_use]
     pub fn excited(&self, threshold: f64) -> Vec<usize> {
         let lines = self.all_lines();
@@ -108,8 +110,9 @@ impl Spectrum {
         lines.into_iter().filter(|n| self.power[*n] >= least && above_noise(*n)).collect()
     }
 
-    /// The order of persistent excitation: the number of frequencies in (−1/2T, 1/2T] that carry power, where 0 Hz and the Nyquist frequency
-    /// count once and others twice (Ljung 1999, section 13.2). `lines` are those below the Nyquist frequency, without 0 Hz.
+    /// The order of persistent excitation: the number of frequencies in (−1/2T, 1/2T] that carry power, where 0 Hz and
+    /// the Nyquist frequency count once and others twice (Ljung 1999, section 13.2). `lines` are those below the
+    /// Nyquist frequency, without 0 Hz.
     #[must_use]
     pub fn persistent_excitation_order(&self, lines: &[usize], threshold: f64) -> usize {
         let strongest = lines.iter().map(|n| self.power[*n]).fold(0.0, f64::max);

@@ -10,11 +10,11 @@ use crate::control::System;
 use crate::num::linalg;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// How well the lines determine the coefficients near the identified ones.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Identifiability {
     /// Free coefficients: feedforward numerator and denominator, feedback numerator and denominator.
     pub unknowns: usize,

@@ -21,7 +21,7 @@ use crate::response::FrequencyData;
 use num_complex::Complex64;
 
 /// How lines are weighted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Weights {
     /// All alike, as Zhang 2015 does.

@@ -4,8 +4,8 @@ use crate::control::simulate::SimulationError;
 use crate::control::{Continuous, Discrete, System, TransferFunction};
 use crate::person::two_degrees_of_freedom::{LoopResponse, TwoDegreesOfFreedom};
 use crate::trial::Trial;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// A sampled model and a trial whose sample times differ by more than this share are not of one kind.
 const SAMPLE_TIME_TOLERANCE: f64 = 1e-5;
@@ -15,7 +15,7 @@ const SAMPLE_TIME_TOLERANCE: f64 = 1e-5;
 /// `1 − Σ (x − x̂)² / Σ (x − mean x)²` over all samples: 1 for a perfect simulation, 0 for one no better than the signal's
 /// mean, negative for a worse one. The simulation starts from rest and is driven by the command, and by the disturbance where one
 /// was recorded, never by the recorded control or output: a one-step prediction would flatter.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SimulatedVaf {
     /// Of the output y.
     pub output: f64,

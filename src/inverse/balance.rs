@@ -1,7 +1,8 @@
 //! Units of the states in which plant and gain have numbers of one size.
 //!
-//! Whether a gain is optimal does not depend on units, but digits do: with one state in nanometres and another in radians, the weights lie twelve
-//! decades apart, and the margin in those units is zero to working precision for gains that are optimal by construction.
+//! Whether a gain is optimal does not depend on units, but digits do: with one state in nanometres and another in
+//! radians, the weights lie twelve decades apart, and the margin in those units is zero to working precision for gains
+//! that are optimal by construction.
 
 use super::gains::Gains;
 use nalgebra::{DMatrix, DVector};
@@ -9,8 +10,9 @@ use nalgebra::{DMatrix, DVector};
 /// Sweeps at most; a few are enough.
 const SWEEPS: usize = 20;
 
-/// The gains in the states `x' = D⁻¹x`, and the diagonal of D, powers of two, so that nothing is rounded: rows and columns of `[A B; K 0]` become
-/// equally long (Osborne, J. ACM 7, 338–345, 1960). The units of the inputs are balanced on the way, and stay as they are.
+/// The gains in the states `x' = D⁻¹x`, and the diagonal of D, powers of two, so that nothing is rounded: rows and
+/// columns of `[A B; K 0]` become equally long (Osborne, J. ACM 7, 338–345, 1960). The units of the inputs are balanced
+/// on the way, and stay as they are.
 pub(super) fn balanced(gains: &Gains) -> (Gains, DVector<f64>) {
     let (n, m) = (gains.states(), gains.ports());
     let mut whole = DMatrix::zeros(n + m, n + m);

@@ -31,8 +31,8 @@ pub(super) struct Conditioned {
     pub lower_bound: f64,
     /// Dimension of the set of weights with the same α.
     pub face: usize,
-    /// Largest change of a diagonal weight within that set, as a share of the weight; `None` where the set is too large to be measured, and
-    /// the weights are then any of it.
+    /// Largest change of a diagonal weight within that set, as a share of the weight; `None` where the set is too large
+    /// to be measured, and the weights are then any of it.
     pub width: Option<f64>,
 }
 
@@ -88,7 +88,8 @@ pub(super) fn best_conditioned(
     let problem = Problem { cost, quadratic: None, objective_scale: 0.0, gap: lmi::GAP, blocks };
     let solution = lmi::solve(&problem, &z0, ctl)?;
     let alpha = solution.objective * a0;
-    // α is at most a0 at the start, and every weight in the feasible set is then bounded; so is what the residual can hide.
+    // α is at most a0 at the start, and every weight in the feasible set is then bounded; so is what the residual can
+    // hide.
     let hidden = solution.dual_residual * (1.0 + solution.z.norm()) * 4.0;
     let lower_bound = ((solution.dual_objective - hidden) * a0).max(1.0);
     let mut found =
@@ -106,7 +107,8 @@ pub(super) fn best_conditioned(
     Ok(found)
 }
 
-/// Directions of z, with α kept, that move no active inequality: those within the optimal set, by strict complementarity.
+/// Directions of z, with α kept, that move no active inequality: those within the optimal set, by strict
+/// complementarity.
 fn free_directions(problem: &Problem, solution: &lmi::Solution) -> Result<DMatrix<f64>, NoConvergence> {
     let unknowns = problem.cost.len() - 1;
     let mut rows: Vec<DVector<f64>> = Vec::new();

@@ -11,7 +11,8 @@ use nalgebra::DMatrix;
 pub struct InverseLqg {
     /// Q and R of the gain K.
     pub regulator: InverseLqr,
-    /// The perceived noise intensities of the gain L: W in the place of Q, V in that of R, and the error covariance H in that of P.
+    /// The perceived noise intensities of the gain L: W in the place of Q, V in that of R, and the error covariance H
+    /// in that of P.
     pub filter: InverseLqr,
 }
 
@@ -38,8 +39,8 @@ pub enum InverseLqgError {
 
 /// Both inverse problems of `u = −Kx̂` with the filter gain L, for A n×n, B n×m, C p×n, K m×n and L n×p.
 ///
-/// W and V are the noise intensities that the controller behaves as if it believed in; the true ones may differ (Priess 2015, §4.3).
-/// The feedthrough D enters neither problem, since the filter knows u.
+/// W and V are the noise intensities that the controller behaves as if it believed in; the true ones may differ (Priess
+/// 2015, §4.3). The feedthrough D enters neither problem, since the filter knows u.
 ///
 /// # Errors
 /// [`InverseLqgError`] with the half that fails.

@@ -36,8 +36,8 @@ impl Role {
 
 /// A plant and a stabilising gain.
 ///
-/// A is n×n, B is n×m and K is m×n with 1 ≤ n ≤ 64 and m ≥ 1; (A, B) is controllable and A − BK is stable. For a filter these are
-/// Aᵀ, Cᵀ and Lᵀ.
+/// A is n×n, B is n×m and K is m×n with 1 ≤ n ≤ 64 and m ≥ 1; (A, B) is controllable and A − BK is stable. For a filter
+/// these are Aᵀ, Cᵀ and Lᵀ.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gains {
     pub(super) a: DMatrix<f64>,
@@ -101,7 +101,8 @@ pub enum GainsError {
     },
     /// An entry is not finite, or so large that products overflow.
     #[error(
-        "{matrix} ({rows}x{columns}) has the entry {value:e} at row {row}, column {column} (counted from 0); magnitudes up to {LARGEST_ENTRY:e} are \
+        "{matrix} ({rows}x{columns}) has the entry {value:e} at row {row}, column {column} (counted from 0); \
+         magnitudes up to {LARGEST_ENTRY:e} are \
          taken"
     )]
     Entry {
@@ -161,6 +162,28 @@ pub enum GainsError {
     /// An eigenvalue iteration failed.
     #[error(transparent)]
     NoConvergence(#[from] NoConvergence),
+}
+
+impl GainsError {
+    /// The letter of the matrix that it is about.
+    #[must_use]
+    pub fn matrix(&self) -> &'static str {
+        match self {
+            Self::NotSquare { .. } | Self::TooManyStates { .. } | Self::NoConvergence(_) => "A",
+            Self::Empty { matrix, .. }
+            | Self::Size { matrix, .. }
+            | Self::Entry { matrix, .. }
+            | Self::ZeroGain { matrix, .. }
+            | Self::Unreachable { matrix, .. } => matrix,
+            Self::UnstableLoop { product, .. } => {
+                if product.contains('K') {
+                    "K"
+                } else {
+                    "L"
+                }
+            }
+        }
+    }
 }
 
 impl Gains {

@@ -8,10 +8,9 @@ use super::proof::{self, Proof};
 use super::space::Space;
 use super::structure::{QSign, Structure, StructureError};
 use super::verdict::{Margin, Units, Verdict, margin, verdict};
-use crate::control::lyapunov::symmetric;
 use crate::convex::lmi::LmiError;
 use crate::ctl::{Ctl, Stopped};
-use crate::num::linalg::NoConvergence;
+use crate::num::linalg::{NoConvergence, symmetric};
 use nalgebra::DMatrix;
 
 /// A forward error above this contradicts a feasible verdict.
@@ -51,8 +50,8 @@ pub struct Conditioning {
     pub alpha_lower_bound: f64,
     /// Dimension of the set of weights that attain α; the one of least Frobenius norm is given.
     pub solution_dimension: usize,
-    /// Largest range of a diagonal weight within that set, as a share of the weight; `None` where the dimension is too high for that to be
-    /// measured, and the weights are then any of the set.
+    /// Largest range of a diagonal weight within that set, as a share of the weight; `None` where the dimension is too
+    /// high for that to be measured, and the weights are then any of the set.
     pub solution_width: Option<f64>,
 }
 
@@ -61,12 +60,14 @@ pub struct Conditioning {
 pub struct InverseLqr {
     /// Whether weights exist.
     pub verdict: Verdict,
-    /// `max t` with `Q ⪰ tI`, `R ⪰ tI`, `tr Q + tr R = n + m`, in the units of the plant; `None` where no weights have a positive trace.
+    /// `max t` with `Q ⪰ tI`, `R ⪰ tI`, `tr Q + tr R = n + m`, in the units of the plant; `None` where no weights have
+    /// a positive trace.
     pub t_star: Option<f64>,
-    /// The same with Q divided by s², its natural size for R of size 1 (about ‖K‖²): the better conditioned of the two. Where it is small, in
-    /// units of the states in which plant and gain are of one size, if it is larger there.
+    /// The same with Q divided by s², its natural size for R of size 1 (about ‖K‖²): the better conditioned of the two.
+    /// Where it is small, in units of the states in which plant and gain are of one size, if it is larger there.
     pub t_star_scaled: Option<f64>,
-    /// No larger margin exists in the units that decided, by the dual certificate: negative where the verdict is infeasible.
+    /// No larger margin exists in the units that decided, by the dual certificate: negative where the verdict is
+    /// infeasible.
     pub t_star_upper_bound: Option<f64>,
     /// Dimension of the space of weights that satisfy the equalities.
     pub unknowns: usize,
@@ -74,8 +75,8 @@ pub struct InverseLqr {
     pub weights: Option<Weights>,
     /// The least condition number, where definite weights exist.
     pub conditioning: Option<Conditioning>,
-    /// Whether the weights are those of the least condition number. False on the boundary, and where rounding keeps those from returning
-    /// the gain: the weights are then those of the largest margin.
+    /// Whether the weights are those of the least condition number. False on the boundary, and where rounding keeps
+    /// those from returning the gain: the weights are then those of the largest margin.
     pub best_conditioned: bool,
 }
 
@@ -93,7 +94,8 @@ pub enum InverseError {
     NoConvergence(#[from] NoConvergence),
     /// The verdict is feasible, but the weights do not return the gain: the problem is beyond working precision.
     #[error(
-        "weights exist with a margin of {t_star:.1e}, but solving the forward problem returns the gain only to {forward_error:.1e} \
+        "weights exist with a margin of {t_star:.1e}, but solving the forward problem returns the gain only to \
+         {forward_error:.1e} \
          (at most {FORWARD:.0e} is accepted)"
     )]
     Unproven {
@@ -135,8 +137,10 @@ impl From<ConditionError> for InverseError {
 
 /// Decides whether weights exist for which the gain is optimal, and finds the best conditioned ones.
 ///
-/// 1. t*, scaled: weights exist where it is positive. Where it is small, other units show it better; between ±1e-7 it decides nothing.
-/// 2. Where it is positive, `min α` with `I ⪯ blkdiag(Q, R) ⪯ αI` (eq. (3.12), (3.13)); of several weights those of least Frobenius
+/// 1. t*, scaled: weights exist where it is positive. Where it is small, other units show it better; between ±1e-7 it
+/// decides nothing.
+/// 2. Where it is positive, `min α` with `I ⪯ blkdiag(Q, R) ⪯ αI` (eq. (3.12), (3.13)); of several weights those of
+/// least Frobenius
 ///    norm.
 /// 3. The forward Riccati equation of these weights must return the gain.
 ///
@@ -162,8 +166,9 @@ pub fn inverse_lqr(gains: &Gains, settings: &Settings, ctl: &Ctl) -> Result<Inve
     answer.t_star = margin(&space, &Units::uniform(&space, space.scale), ctl)?.filter(|m| m.solved).map(|m| m.t_star);
     let Some(mut decisive) = margin(&space, &Units::uniform(&space, 1.0), ctl)? else { return Ok(answer) };
     answer.t_star_scaled = Some(decisive.t_star);
-    // The sign of the margin does not depend on the units, its size does: where it decides nothing, other units may show it. First those of
-    // the states in which plant and gain are of one size, then those in which the weights found so far have a diagonal of ones.
+    // The sign of the margin does not depend on the units, its size does: where it decides nothing, other units may
+    // show it. First those of the states in which plant and gain are of one size, then those in which the weights found
+    // so far have a diagonal of ones.
     if decisive.t_star.abs() <= CLEAR || !decisive.solved {
         let (balanced, d) = balanced(gains);
         if d.iter().any(|v| *v != 1.0) {
@@ -201,7 +206,8 @@ pub fn inverse_lqr(gains: &Gains, settings: &Settings, ctl: &Ctl) -> Result<Inve
         Verdict::Boundary => answer.weights = boundary_weights(gains, settings, &space, &decisive),
         Verdict::Feasible => {
             let found = condition::best_conditioned(&space, &decisive.z, settings.structure.q_sign, ctl)?;
-            // The best conditioned weights; where rounding keeps those from returning the gain, the ones of the largest margin.
+            // The best conditioned weights; where rounding keeps those from returning the gain, the ones of the largest
+            // margin.
             let mut closest = f64::INFINITY;
             for (z, is_best) in [(&found.z, true), (&decisive.z, false)] {
                 let (q, r) = space.at(z);
@@ -234,7 +240,8 @@ pub fn inverse_lqr(gains: &Gains, settings: &Settings, ctl: &Ctl) -> Result<Inve
     Ok(answer)
 }
 
-/// The weights with their proof, refined where that brings the gain nearer; none where the forward error stays too large.
+/// The weights with their proof, refined where that brings the gain nearer; none where the forward error stays too
+/// large.
 fn proven(
     gains: &Gains,
     settings: &Settings,

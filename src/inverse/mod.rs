@@ -1,13 +1,14 @@
 //! From gains to the costs for which they are optimal (Priess 2015, chapters 3 and 4).
 //!
-//! Given a plant (A, B) and a stabilising gain K of u = −Kx, [`lqr::inverse_lqr`] decides whether weights Q ≻ 0 and R ≻ 0 exist for
-//! which K is the linear-quadratic regulator, names the best conditioned ones, and proves what it says: a feasible verdict by solving
-//! the forward problem, an infeasible one by a dual certificate. Where no weights exist, [`fit`] finds those whose regulator comes
-//! nearest. Filters are the dual case ([`estimator`]), and [`reading`] says what the weights mean.
+//! Given a plant (A, B) and a stabilising gain K of u = −Kx, [`lqr::inverse_lqr`] decides whether weights Q ≻ 0 and R ≻
+//! 0 exist for which K is the linear-quadratic regulator, names the best conditioned ones, and proves what it says: a
+//! feasible verdict by solving the forward problem, an infeasible one by a dual certificate. Where no weights exist,
+//! [`fit`] finds those whose regulator comes nearest. Filters are the dual case ([`estimator`]), and [`reading`] says
+//! what the weights mean.
 //!
-//! The unknowns are (P, R). The equality `BᵀP = RK` (`BᵀPA = (BᵀPB + R)K` in sampled time) leaves a subspace of dimension
-//! `((n − m)² + n + m)/2` at least, and `Q = KᵀRK − AᵀP − PA` follows: rounding K never makes the equalities inconsistent, so that
-//! feasibility is a question of cones alone.
+//! The unknowns are (P, R). The equality `BᵀP = RK` (`BᵀPA = (BᵀPB + R)K` in sampled time) leaves a subspace of
+//! dimension `((n − m)² + n + m)/2` at least, and `Q = KᵀRK − AᵀP − PA` follows: rounding K never makes the equalities
+//! inconsistent, so that feasibility is a question of cones alone.
 #![allow(non_snake_case)]
 
 mod balance;

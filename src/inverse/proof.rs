@@ -1,8 +1,9 @@
 //! What shows that weights belong to a gain.
 
 use super::gains::Gains;
-use crate::control::lyapunov::{Clock, Lyapunov, symmetric};
+use crate::control::lyapunov::{Clock, Lyapunov};
 use crate::control::riccati::{Riccati, RiccatiError, doubling, sign_function};
+use crate::num::linalg::symmetric;
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
@@ -13,8 +14,9 @@ const REFINEMENTS: usize = 20;
 
 /// The least of Kalman's return difference over frequency.
 ///
-/// With `T(jω) = I + K(jωI − A)⁻¹B` the least eigenvalue of `R^(−1/2) (T*RT − R) R^(−1/2)`; in sampled time with `R + BᵀPB` around
-/// T and in the square roots. It is not negative for an optimal gain (Kalman 1964; Priess 2015, Theorem 1).
+/// With `T(jω) = I + K(jωI − A)⁻¹B` the least eigenvalue of `R^(−1/2) (T*RT − R) R^(−1/2)`; in sampled time with `R +
+/// BᵀPB` around T and in the square roots. It is not negative for an optimal gain (Kalman 1964; Priess 2015, Theorem
+/// 1).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReturnDifference {
     /// The least eigenvalue.
@@ -36,8 +38,8 @@ pub struct Proof {
     pub forward_gain: DMatrix<f64>,
     /// `‖K̂ − K‖_F/‖K‖_F`.
     pub forward_error: f64,
-    /// The largest difference of the two methods' gains (doubling, sign function, unrefined) to the refined one, relative; `None`
-    /// where a method broke down.
+    /// The largest difference of the two methods' gains (doubling, sign function, unrefined) to the refined one,
+    /// relative; `None` where a method broke down.
     pub method_difference: Option<f64>,
     /// Eigenvalues of A − BK̂.
     pub forward_poles: Vec<Complex64>,
@@ -62,7 +64,8 @@ pub(super) fn prove(gains: &Gains, q: &DMatrix<f64>, r: &DMatrix<f64>) -> Result
         Clock::Continuous => (bp, r * &gains.k),
         Clock::Sampled => (&bp * &gains.a, (&bp * &gains.b + r) * &gains.k),
     };
-    // From no knowledge of K; only where rounding defeats both methods is K itself the start, and the answer is then still checked.
+    // From no knowledge of K; only where rounding defeats both methods is K itself the start, and the answer is then
+    // still checked.
     let solution = equation.solve().or_else(|error| equation.finish(&gains.k).map_err(|_| error))?;
     let size = gains.k.norm();
     let difference = |method: fn(&Riccati) -> Option<DMatrix<f64>>| {

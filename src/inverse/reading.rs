@@ -1,6 +1,7 @@
 //! What weights mean: directions, shares, and comparison up to the free scale.
 
-use crate::control::lyapunov::{Clock, LinearEquationError, Lyapunov, symmetric};
+use crate::control::lyapunov::{Clock, LinearEquationError, Lyapunov};
+use crate::num::linalg::symmetric;
 use nalgebra::{DMatrix, DVector};
 
 /// A principal axis of a weight.
@@ -35,8 +36,8 @@ pub fn axes(weight: &DMatrix<f64>) -> Vec<Axis> {
         .collect()
 }
 
-/// Shares of the cost: what every state and every input contributes; they sum to 1, and a single one may be negative where a weight has
-/// off-diagonal entries.
+/// Shares of the cost: what every state and every input contributes; they sum to 1, and a single one may be negative
+/// where a weight has off-diagonal entries.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shares {
     /// `∫ x_i (Qx)_i` over the whole cost, for every state.
@@ -45,8 +46,8 @@ pub struct Shares {
     pub inputs: Vec<f64>,
 }
 
-/// Shares of a cost where the states have the second moments X (`∫ xxᵀ`, n×n) and the inputs U (m×m), up to a common factor. `None` where the
-/// cost is zero.
+/// Shares of a cost where the states have the second moments X (`∫ xxᵀ`, n×n) and the inputs U (m×m), up to a common
+/// factor. `None` where the cost is zero.
 #[must_use]
 pub fn shares(q: &DMatrix<f64>, r: &DMatrix<f64>, x: &DMatrix<f64>, u: &DMatrix<f64>) -> Option<Shares> {
     let states: Vec<f64> = (q * x).diagonal().iter().copied().collect();
@@ -56,7 +57,8 @@ pub fn shares(q: &DMatrix<f64>, r: &DMatrix<f64>, x: &DMatrix<f64>, u: &DMatrix<
     (total > 0.0 && total.is_finite()).then(|| Shares { states: share(states), inputs: share(inputs) })
 }
 
-/// Shares along a recorded trajectory: rows are samples, equally spaced in time. `None` where the cost along it is zero.
+/// Shares along a recorded trajectory: rows are samples, equally spaced in time. `None` where the cost along it is
+/// zero.
 ///
 /// # Panics
 /// If the columns do not fit the weights, or the numbers of samples differ, which is a mistake of the caller.
@@ -102,8 +104,8 @@ pub fn stationary_covariance(
     Ok(Lyapunov::new(closed, clock)?.solve_adjoint(w))
 }
 
-/// The principal axes of `DQD` with D the sizes of the states: what is paid for motions as large as they are. Those of Q itself compare a
-/// radian with a radian per second, and turn with the units.
+/// The principal axes of `DQD` with D the sizes of the states: what is paid for motions as large as they are. Those of
+/// Q itself compare a radian with a radian per second, and turn with the units.
 #[must_use]
 pub fn sized_axes(q: &DMatrix<f64>, sizes: &[f64]) -> Vec<Axis> {
     axes(&DMatrix::from_fn(q.nrows(), q.ncols(), |i, j| q[(i, j)] * sizes[i] * sizes[j]))
@@ -116,14 +118,14 @@ pub struct Comparison {
     pub scale: f64,
     /// `⟨C₁, C₂⟩/(‖C₁‖‖C₂‖)` with `C = blkdiag(Q, R)`: 1 for equal costs.
     pub similarity: f64,
-    /// The spread of the logarithms of the eigenvalues of `C₁⁻¹C₂` around their mean, as a root mean square: 0 for equal costs, whatever
-    /// the units of states and inputs. `None` where a cost is singular.
+    /// The spread of the logarithms of the eigenvalues of `C₁⁻¹C₂` around their mean, as a root mean square: 0 for
+    /// equal costs, whatever the units of states and inputs. `None` where a cost is singular.
     pub log_distance: Option<f64>,
-    /// The factor on the second cost that brings the eigenvalues of `C₁⁻¹C₂` to a geometric mean of 1, whatever the units; `None` where a cost
-    /// is singular.
+    /// The factor on the second cost that brings the eigenvalues of `C₁⁻¹C₂` to a geometric mean of 1, whatever the
+    /// units; `None` where a cost is singular.
     pub log_scale: Option<f64>,
-    /// For every state its diagonal weight in the first cost over that in the second, brought to one scale by `log_scale`, or by `scale` where
-    /// there is none; `None` where the second has no weight there.
+    /// For every state its diagonal weight in the first cost over that in the second, brought to one scale by
+    /// `log_scale`, or by `scale` where there is none; `None` where the second has no weight there.
     pub state_ratios: Vec<Option<f64>>,
     /// The same for every input.
     pub input_ratios: Vec<Option<f64>>,

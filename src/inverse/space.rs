@@ -2,9 +2,9 @@
 
 use super::gains::Gains;
 use super::structure::Structure;
-use crate::control::lyapunov::{Clock, symmetric};
+use crate::control::lyapunov::Clock;
 use crate::convex::svec::{length, smat, svec};
-use crate::num::linalg::{self, NoConvergence};
+use crate::num::linalg::{self, NoConvergence, symmetric};
 use nalgebra::{DMatrix, DVector};
 
 /// Singular values of the equalities below this share of the largest are rounding.
@@ -19,8 +19,9 @@ type Pair = (DMatrix<f64>, DMatrix<f64>);
 
 /// Weights `Q = s² Σ z_i Q_i`, `R = Σ z_i R_i` with `BᵀP = RK` for some symmetric P.
 ///
-/// The pairs (Q_i, R_i) are orthonormal, so that `‖z‖² = ‖Q/s²‖² + ‖R‖²`. In units with B' = sB, K' = K/s the numbers of a stiff
-/// loop become of one size; without them solvers report gains as infeasible that are optimal by construction.
+/// The pairs (Q_i, R_i) are orthonormal, so that `‖z‖² = ‖Q/s²‖² + ‖R‖²`. In units with B' = sB, K' = K/s the numbers
+/// of a stiff loop become of one size; without them solvers report gains as infeasible that are optimal by
+/// construction.
 #[derive(Debug, Clone)]
 pub(super) struct Space {
     /// s.
@@ -29,7 +30,8 @@ pub(super) struct Space {
     pub q: Vec<DMatrix<f64>>,
     /// R_i.
     pub r: Vec<DMatrix<f64>>,
-    /// The states that the structure lets Q weigh, where it forbids some: Q is zero elsewhere, and its sign is asked of these alone.
+    /// The states that the structure lets Q weigh, where it forbids some: Q is zero elsewhere, and its sign is asked of
+    /// these alone.
     support: Option<Vec<usize>>,
 }
 
@@ -68,7 +70,8 @@ impl Space {
         Ok(Self { scale, q: matrices(0, nq, n), r: matrices(nq, nr, m), support: structure.support() })
     }
 
-    /// The subspace of gains in the states `x' = D⁻¹x` as one of the gains in x: `Q = D⁻¹Q'D⁻¹`. The pairs are then orthonormal in x' alone.
+    /// The subspace of gains in the states `x' = D⁻¹x` as one of the gains in x: `Q = D⁻¹Q'D⁻¹`. The pairs are then
+    /// orthonormal in x' alone.
     pub fn in_states(mut self, d: &DVector<f64>) -> Self {
         for q in &mut self.q {
             *q = DMatrix::from_fn(q.nrows(), q.ncols(), |i, j| q[(i, j)] / (d[i] * d[j]));
@@ -109,11 +112,12 @@ impl Space {
     }
 }
 
-/// s, with s² the size of Q where R is of size 1: `BᵀP = RK` makes P of size ‖K‖/‖B‖, and Q is then of size `‖K‖² + ‖A‖‖K‖/‖B‖`
-/// (`‖K‖² + ‖K‖/‖B‖` in sampled time).
+/// s, with s² the size of Q where R is of size 1: `BᵀP = RK` makes P of size ‖K‖/‖B‖, and Q is then of size `‖K‖² +
+/// ‖A‖‖K‖/‖B‖` (`‖K‖² + ‖K‖/‖B‖` in sampled time).
 ///
-/// For a gain that is large for its plant this is ‖K‖_F. For a feeble one, of a control so expensive that `K ≈ R⁻¹BᵀP` with P that of the
-/// uncontrolled plant, ‖K‖_F alone would be too small by orders of magnitude, and the digits of R would be lost in those of Q.
+/// For a gain that is large for its plant this is ‖K‖_F. For a feeble one, of a control so expensive that `K ≈ R⁻¹BᵀP`
+/// with P that of the uncontrolled plant, ‖K‖_F alone would be too small by orders of magnitude, and the digits of R
+/// would be lost in those of Q.
 fn natural_scale(gains: &Gains) -> f64 {
     let (a, b, k) = (gains.a.norm(), gains.b.norm(), gains.k.norm());
     let plant = match gains.clock {
@@ -125,8 +129,8 @@ fn natural_scale(gains: &Gains) -> f64 {
 
 /// `Q = −(A − BK)ᵀP − P(A − BK) − KᵀRK`, in sampled time `P − (A − BK)ᵀP(A − BK) − KᵀRK`.
 ///
-/// The same as `KᵀRK − AᵀP − PA` (`P − AᵀPA + Kᵀ(BᵀPB + R)K`) where `BᵀP = RK`, and without the cancellation of large terms in a loop
-/// that the gain dominates.
+/// The same as `KᵀRK − AᵀP − PA` (`P − AᵀPA + Kᵀ(BᵀPB + R)K`) where `BᵀP = RK`, and without the cancellation of large
+/// terms in a loop that the gain dominates.
 pub(super) fn state_weight(
     a: &DMatrix<f64>,
     b: &DMatrix<f64>,
@@ -148,8 +152,8 @@ pub(super) fn state_weight(
 
 /// A basis of the (P, R) with `BᵀPM = RK`, where M = I, in sampled time M = A − BK.
 ///
-/// In the coordinates of `B = U [Σ; 0] Vᵀ` the block of P that B does not touch is free, and the equalities bind the others:
-/// `Σ [P₁₁ P₁₂] UᵀMU = VᵀRKU`, with as many rows as K has entries.
+/// In the coordinates of `B = U [Σ; 0] Vᵀ` the block of P that B does not touch is free, and the equalities bind the
+/// others: `Σ [P₁₁ P₁₂] UᵀMU = VᵀRKU`, with as many rows as K has entries.
 fn equality_solutions(
     a: &DMatrix<f64>,
     b: &DMatrix<f64>,
@@ -265,7 +269,8 @@ fn equilibrate(equations: &mut DMatrix<f64>) -> DVector<f64> {
     scale
 }
 
-/// An orthonormal basis of the null space; singular values below `tolerance` times the largest (or `size`) count as zero.
+/// An orthonormal basis of the null space; singular values below `tolerance` times the largest (or `size`) count as
+/// zero.
 fn null_space(m: &DMatrix<f64>, size: Option<f64>, tolerance: f64) -> Result<DMatrix<f64>, NoConvergence> {
     let (_, values, v) = linalg::svd(m)?;
     let largest = size.unwrap_or_else(|| values.first().copied().unwrap_or(0.0));

@@ -1,7 +1,7 @@
 //! What is known of the weights beforehand.
 
 use super::gains::LARGEST_ENTRY;
-use crate::control::lyapunov::symmetric;
+use crate::num::linalg::symmetric;
 use nalgebra::DMatrix;
 
 /// Which sign Q must have.
@@ -17,7 +17,8 @@ pub enum QSign {
 /// Restrictions on the weights; none by default.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Structure {
-    /// Entries of Q that may differ from zero, n×n and symmetric; all where there is none. A semidefinite Q may leave out states altogether.
+    /// Entries of Q that may differ from zero, n×n and symmetric; all where there is none. A semidefinite Q may leave
+    /// out states altogether.
     pub q_pattern: Option<DMatrix<bool>>,
     /// Entries of R that may differ from zero, m×m and symmetric.
     pub r_pattern: Option<DMatrix<bool>>,
@@ -70,7 +71,8 @@ pub enum StructureError {
     },
     /// The fixed R has an entry that is not finite, or so large that products overflow.
     #[error(
-        "the fixed R ({order}x{order}) has the entry {value:e} at row {row}, column {column} (counted from 0); magnitudes up to {LARGEST_ENTRY:e} are taken"
+        "the fixed R ({order}x{order}) has the entry {value:e} at row {row}, column {column} (counted from 0); \
+         magnitudes up to {LARGEST_ENTRY:e} are taken"
     )]
     Entry {
         /// Its rows and columns.
@@ -100,7 +102,8 @@ impl Structure {
         Self { q_pattern: Some(DMatrix::from_fn(n, n, |i, j| i == j)), ..Self::default() }
     }
 
-    /// The states that Q may weigh, where its pattern forbids the others their diagonal entry, and so their rows and columns.
+    /// The states that Q may weigh, where its pattern forbids the others their diagonal entry, and so their rows and
+    /// columns.
     pub(super) fn support(&self) -> Option<Vec<usize>> {
         let pattern = self.q_pattern.as_ref()?;
         let kept: Vec<usize> = (0..pattern.nrows()).filter(|i| pattern[(*i, *i)]).collect();

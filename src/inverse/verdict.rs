@@ -58,7 +58,8 @@ impl Units {
         Self { q: DVector::from_fn(weighed.len(), |i, _| d[weighed[i]]), r: DVector::from_element(ports, 1.0) }
     }
 
-    /// Such that the diagonals of these weights (Q where it is weighed) become 1, as far as they stand out from rounding.
+    /// Such that the diagonals of these weights (Q where it is weighed) become 1, as far as they stand out from
+    /// rounding.
     pub fn balancing(q: &DMatrix<f64>, r: &DMatrix<f64>) -> Self {
         let largest = q.diagonal().amax().max(r.diagonal().amax()).max(f64::MIN_POSITIVE);
         let unit = |m: &DMatrix<f64>| m.diagonal().map(|v| v.abs().max(ROUNDING * largest).sqrt().recip());
@@ -66,8 +67,8 @@ impl Units {
     }
 }
 
-/// The margin of `Q = Σ z_i Q_i`, `R = Σ z_i R_i` in these units; `None` where every weight of the space has trace zero, so that none
-/// is definite.
+/// The margin of `Q = Σ z_i Q_i`, `R = Σ z_i R_i` in these units; `None` where every weight of the space has trace
+/// zero, so that none is definite.
 ///
 /// # Errors
 /// [`LmiError`] when stopped.
@@ -116,8 +117,9 @@ pub(super) fn margin(space: &Space, units: &Units, ctl: &Ctl) -> Result<Option<M
     }))
 }
 
-/// The dual bound, corrected for what is left of the dual residual: `t ≤ dual + r·(w, t)` for every feasible point. With the trace fixed
-/// no eigenvalue of a feasible point exceeds `(n + m)(1 + |t|)`, which bounds its norm by about the square.
+/// The dual bound, corrected for what is left of the dual residual: `t ≤ dual + r·(w, t)` for every feasible point.
+/// With the trace fixed no eigenvalue of a feasible point exceeds `(n + m)(1 + |t|)`, which bounds its norm by about
+/// the square.
 fn upper_bound(solution: &Solution, total: f64) -> f64 {
     let dual = -solution.dual_objective;
     dual + solution.dual_residual * total * total * (2.0 + dual.abs())

@@ -5,8 +5,8 @@ use crate::ctl::Progress;
 /// Estimates the time left from the mean rate since the present count began.
 ///
 /// A computation may count several times over (a phase of lines, then a phase of candidates): when the total changes or
-/// the count goes back, a new phase began at the latest observation at which the old one was still going, and its rate is
-/// measured from there. Times are microseconds of whatever clock the caller has; the estimator has none.
+/// the count goes back, a new phase began at the latest observation at which the old one was still going, and its rate
+/// is measured from there. Times are microseconds of whatever clock the caller has; the estimator has none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EtaEstimator {
     phase_began_us: i64,
@@ -56,12 +56,12 @@ impl EtaEstimator {
     }
 }
 
-/// Seconds until a run of like analyses is finished, if it goes on as it does: the median of what the latest took, for those that wait and
-/// half of it for those under way, shared by as many as are under way. 0 where nothing is left; `None` while none has finished, or
-/// where nobody works on them.
+/// Seconds until a run of like analyses is finished, if it goes on as it does: the median of what the latest took, for
+/// those that wait and half of it for those under way, shared by as many as are under way. 0 where nothing is left;
+/// `None` while none has finished, or where nobody works on them.
 ///
-/// A median, since the first of a run makes what the others share; and not the rate since the beginning, which a night without a server
-/// would spoil.
+/// A median, since the first of a run makes what the others share; and not the rate since the beginning, which a night
+/// without a server would spoil.
 #[must_use]
 #[allow(clippy::cast_precision_loss)]
 pub fn run_eta_s(latest_s: &[f64], queued: u64, running: u64) -> Option<f64> {

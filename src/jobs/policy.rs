@@ -24,8 +24,8 @@ impl LeasePolicy {
     /// A checked policy.
     ///
     /// # Errors
-    /// [`BadPolicy`] where the lease is not within 50 ms and a day, where less than two heartbeats fit into a lease (one
-    /// slow write would then lose the work), or where there is no attempt at all.
+    /// [`BadPolicy`] where the lease is not within 50 ms and a day, where less than two heartbeats fit into a lease
+    /// (one slow write would then lose the work), or where there is no attempt at all.
     pub fn new(lease_s: f64, heartbeat_s: f64, max_attempts: u32) -> Result<Self, BadPolicy> {
         if !(0.05..=86_400.0).contains(&lease_s) {
             return Err(BadPolicy { field: "lease_s", reason: format!("must be from 0.05 to 86400, not {lease_s}") });
@@ -65,10 +65,10 @@ impl LeasePolicy {
 
 /// How long rescued work waits before it is offered again.
 ///
-/// It goes to the end of the queue and waits `base · 2^(attempts−1)`, at most `cap`, stretched or shrunk by up to a half by
-/// the job's own identity. The end of the queue, so that repeated kills of a process hit different jobs. The wait that
-/// differs from job to job, so that a job which kills its process is not offered together with the same bystanders every
-/// time until their attempts are used up as well.
+/// It goes to the end of the queue and waits `base · 2^(attempts−1)`, at most `cap`, stretched or shrunk by up to a
+/// half by the job's own identity. The end of the queue, so that repeated kills of a process hit different jobs. The
+/// wait that differs from job to job, so that a job which kills its process is not offered together with the same
+/// bystanders every time until their attempts are used up as well.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Backoff {
     /// The wait after the first death.

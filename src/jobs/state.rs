@@ -1,11 +1,11 @@
 //! Which transition is legal, and where it leads.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use utoipa::ToSchema;
 
 /// Where an analysis stands.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// Waiting for a worker.
@@ -107,8 +107,8 @@ impl Job {
 
     /// The job after an event.
     ///
-    /// Asking a finished job to be cancelled changes nothing and is no error: the person who asks cannot know how far it
-    /// is. A cancelled job that loses its worker stays cancelled; nobody wants it run again.
+    /// Asking a finished job to be cancelled changes nothing and is no error: the person who asks cannot know how far
+    /// it is. A cancelled job that loses its worker stays cancelled; nobody wants it run again.
     ///
     /// # Errors
     /// [`IllegalTransition`] where the event cannot happen in this status.

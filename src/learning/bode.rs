@@ -15,12 +15,12 @@ use super::inputs::{Identification, PlantName, Remark, SpecChoice, SubjectInput,
 use crate::control::System;
 use crate::num::stats::{mean, standard_deviation};
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
-use utoipa::ToSchema;
 
 /// Which trial of each subject is shown.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TrialSelection {
     /// Its first identified one.
@@ -33,12 +33,12 @@ pub enum TrialSelection {
 }
 
 /// Responses over subjects at each frequency; every list is as long as `omega_rad_s` of the answer.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ResponseStatistics {
     /// Subjects with a finite response.
     pub n: Vec<usize>,
     /// The complex mean, `[re, im]`.
-    #[schema(value_type = Vec<Option<Vec<f64>>>)]
+    #[schemars(with = "Vec<Option<Vec<f64>>>")]
     pub mean: Vec<Option<[f64; 2]>>,
     /// Deviation in the complex plane; null with fewer than two subjects.
     pub sd: Vec<Option<f64>>,
@@ -57,7 +57,8 @@ pub struct ResponseStatistics {
 }
 
 /// Gain and phase of one system.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainAndPhase")]
 pub struct Response {
     /// Gain in dB; null where it is zero or infinite.
     pub gain_db: Vec<Option<f64>>,
@@ -66,7 +67,7 @@ pub struct Response {
 }
 
 /// The four responses of Zhang 2015, figures 5.13 to 5.18, over some subjects.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ControllerStatistics {
     /// The subjects, by pseudonym.
     pub subjects: Vec<String>,
@@ -81,7 +82,7 @@ pub struct ControllerStatistics {
 }
 
 /// A group on one plant.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GroupResponses {
     /// The group; null for subjects without one.
     pub group: Option<String>,
@@ -101,7 +102,7 @@ pub struct GroupResponses {
 }
 
 /// A trial whose controllers are averaged.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ResponseTrial {
     /// The subject's pseudonym.
     pub code: String,
@@ -118,7 +119,7 @@ pub struct ResponseTrial {
 }
 
 /// The mean and deviation of a study's identified controllers.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StudyFrequencyResponses {
     /// The frequencies, rad/s.
     pub omega_rad_s: Vec<f64>,

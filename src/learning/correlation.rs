@@ -1,14 +1,14 @@
 //! Correlation of two quantities over trials.
 
 use crate::num::stats::mean;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Fewer pairs than this always correlate.
 const FEWEST: usize = 3;
 
 /// How two quantities go together. Trials of one subject are not independent, so no p-value is given.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Correlation {
     /// Pairs.
     pub n: usize,

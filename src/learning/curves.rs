@@ -2,9 +2,9 @@
 
 use super::inputs::{PlantName, Remark, SpecChoice, SubjectInput, TrialInput, choose_spec};
 use super::trend::{Trend, trend};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// How curves are made.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,7 +26,7 @@ impl Default for CurveOptions {
 }
 
 /// A quantity that a curve shows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Metric {
     /// ‖e‖.
@@ -44,7 +44,7 @@ pub enum Metric {
 }
 
 /// One trial of a curve.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CurvePoint {
     /// The trial's id.
     pub trial: String,
@@ -81,7 +81,7 @@ pub struct CurvePoint {
 }
 
 /// A trial, named.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct TrialName {
     /// Its id.
     pub trial: String,
@@ -92,7 +92,7 @@ pub struct TrialName {
 }
 
 /// Trends of all quantities of a curve. Descriptions of what was measured, not tests.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Trends {
     /// Of ‖e‖.
     pub mean_abs_error: Trend,
@@ -109,7 +109,7 @@ pub struct Trends {
 }
 
 /// The curve of a subject on one plant.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PlantCurve {
     /// The plant.
     pub plant: PlantName,
@@ -128,7 +128,7 @@ pub struct PlantCurve {
 }
 
 /// The learning curves of a subject, one for each plant it worked with.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SubjectLearningCurve {
     /// The subject's id.
     pub subject: String,

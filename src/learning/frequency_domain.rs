@@ -5,8 +5,8 @@ use crate::control::doubled::Doubled;
 use crate::control::{System, TimeBase as _};
 use crate::num::Polynomial;
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Sample times that differ by less than this share are the same.
 const SAME_SAMPLE_TIME: f64 = 1e-9;
@@ -15,7 +15,7 @@ const SAME_SAMPLE_TIME: f64 = 1e-9;
 ///
 /// Zhang 2015, section 3.6 (first two) and section 5.7 (first and third). Computed by adaptive 7/15-point Gauss–Kronrod
 /// quadrature until the estimated error is below 1e-9 of the value, from responses evaluated in doubled precision.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ControllerMetrics {
     /// ‖Gfb‖, in units of u per unit of error; null where it is infinite.
     pub norm_feedback: Option<f64>,
@@ -31,7 +31,7 @@ pub struct ControllerMetrics {
 }
 
 /// A norm that has no finite value.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct UndefinedNorm {
     /// The name of the field that is null.
     pub field: String,

@@ -4,12 +4,12 @@ use super::correlation::{Correlation, correlation};
 use super::curves::{CurveOptions, CurvePoint, Metric, PlantCurve, plant_curve, spec_of, trials_by_plant};
 use super::inputs::{PlantName, Remark, SpecChoice, SubjectInput, TrialInput};
 use crate::num::stats::{mean, standard_deviation};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
-use utoipa::ToSchema;
 
 /// Mean and spread of a sample.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Statistics {
     /// Values.
     pub n: usize,
@@ -22,7 +22,7 @@ pub struct Statistics {
 }
 
 /// Mean and spread without the extremes (Zhang 2015, section 5.8).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TrimmedStatistics {
     /// Values dropped at each end.
     pub dropped_each_end: usize,
@@ -35,7 +35,7 @@ pub struct TrimmedStatistics {
 }
 
 /// Statistics of every quantity over the same trials.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MetricStatistics {
     /// Of ‖e‖.
     pub mean_abs_error: Statistics,
@@ -52,7 +52,7 @@ pub struct MetricStatistics {
 }
 
 /// A group at one trial number.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GroupPoint {
     /// The session.
     pub session: Option<i64>,
@@ -69,7 +69,7 @@ pub struct GroupPoint {
 }
 
 /// So many out of so many.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Count {
     /// Those that are.
     pub count: usize,
@@ -78,7 +78,7 @@ pub struct Count {
 }
 
 /// One trial of each subject side by side.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GroupTable {
     /// One row for each subject that has a shown trial.
     pub rows: Vec<TableRow>,
@@ -87,7 +87,7 @@ pub struct GroupTable {
 }
 
 /// A subject's row.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TableRow {
     /// The subject's id.
     pub subject: String,
@@ -98,7 +98,7 @@ pub struct TableRow {
 }
 
 /// Error against distance from the inverse dynamics, one dot for each identified trial (Zhang 2015, figures 3.6b, 5.15).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Scatter {
     /// The dots.
     pub points: Vec<ScatterPoint>,
@@ -109,7 +109,7 @@ pub struct Scatter {
 }
 
 /// A dot of the scatter.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ScatterPoint {
     /// The subject's pseudonym.
     pub code: String,
@@ -126,7 +126,7 @@ pub struct ScatterPoint {
 }
 
 /// A subject of a group with its curve.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GroupSubject {
     /// The subject's id.
     pub subject: String,
@@ -137,7 +137,7 @@ pub struct GroupSubject {
 }
 
 /// A group on one plant.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GroupCurve {
     /// The group; null for subjects without one.
     pub group: Option<String>,
@@ -158,7 +158,7 @@ pub struct GroupCurve {
 }
 
 /// The learning curves of a study.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StudyLearningCurves {
     /// Whether divergent trials are shown.
     pub include_divergent: bool,

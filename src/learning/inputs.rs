@@ -3,9 +3,9 @@
 use super::frequency_domain::ControllerMetrics;
 use super::time_domain::TimeDomainMetrics;
 use crate::control::System;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// A subject with everything recorded from it.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,7 +40,7 @@ pub struct TrialInput {
 }
 
 /// A plant, by id and name.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 pub struct PlantName {
     /// Its id.
     pub id: String,
@@ -70,7 +70,7 @@ pub struct Identification {
 }
 
 /// A remark that a scientist must read before using the numbers.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Remark {
     /// A stable name, in `snake_case`.
     pub code: String,
@@ -85,7 +85,7 @@ impl Remark {
 }
 
 /// The one way of identifying whose results a curve shows.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct SpecChoice {
     /// SHA-256 of the chosen spec.
     pub spec_sha256: String,
@@ -96,7 +96,7 @@ pub struct SpecChoice {
 }
 
 /// How many trials were identified with a spec.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct SpecCoverage {
     /// SHA-256 of the spec.
     pub spec_sha256: String,

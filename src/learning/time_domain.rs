@@ -3,8 +3,8 @@
 use crate::control::Model;
 use crate::control::model::StateSpaceModel;
 use crate::trial::Trial;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Control signals no larger than this are taken for the tremor of a hand at rest (Zhang 2015, section 5.8: the largest
 /// |u| of a person who holds the joystick and means not to move it). In units of u.
@@ -16,7 +16,7 @@ const MARKOV_ZERO: f64 = 1e-12;
 /// Time-domain metrics of a trial (divergence is judged where the display limit is known).
 ///
 /// Every number is finite: a value beyond the largest `f64` is given as the largest `f64`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TimeDomainMetrics {
     /// ‖e‖ = (1/n) Σ |r_i − y_i| over all n samples, in units of y (Zhang 2015, section 3.3).
     pub mean_abs_error: f64,

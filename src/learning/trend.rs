@@ -1,8 +1,8 @@
 //! First against last trials, and an exponential description of what lies between.
 
 use crate::num::stats::mean;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Fewer points than this carry no exponential: three parameters would go through three points whatever they are.
 const FEWEST_FOR_FIT: usize = 5;
@@ -10,7 +10,7 @@ const FEWEST_FOR_FIT: usize = 5;
 const RATES: usize = 120;
 
 /// How a quantity changed over the trials of a curve. A description: nothing here is a test.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Trend {
     /// Trials that have the quantity.
     pub n: usize,
@@ -33,7 +33,7 @@ pub struct Trend {
 /// `value ≈ asymptote + amplitude · exp(−rate (position − first position))`, by least squares.
 ///
 /// A description of the points only. Human learning curves often follow no exponential: read `r_squared` first.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ExponentialFit {
     /// The value approached.
     pub asymptote: f64,

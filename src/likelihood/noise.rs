@@ -1,6 +1,6 @@
 //! The covariance of the noise, which the likelihood is concentrated by.
 
-use crate::control::lyapunov::symmetric;
+use crate::num::linalg::symmetric;
 use nalgebra::DMatrix;
 
 /// What is known of Σ, p×p.

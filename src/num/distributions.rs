@@ -1,4 +1,5 @@
-//! Distribution functions of normal-theory statistics, from the incomplete gamma and beta functions (Press et al. 2007, ch. 6).
+//! Distribution functions of normal-theory statistics, from the incomplete gamma and beta functions (Press et al. 2007,
+//! ch. 6).
 
 /// Lanczos's series for `ln Γ(x)`, x > 0, good to about 1e-14 (g = 7, nine terms; Godfrey 2001).
 #[must_use]

@@ -1,7 +1,7 @@
 //! First derivatives to working precision: dual numbers `a + b ε` with `ε² = 0`.
 //!
-//! A function written for any [`Real`] gives its value from `f64` and its derivative from [`Dual`]: evaluated at `x + ε` it returns
-//! `f(x) + f'(x) ε`. Unlike a difference quotient nothing cancels.
+//! A function written for any [`Real`] gives its value from `f64` and its derivative from [`Dual`]: evaluated at `x +
+//! ε` it returns `f(x) + f'(x) ε`. Unlike a difference quotient nothing cancels.
 
 use std::fmt::Debug;
 use std::ops::{Add, Div, Mul, Neg, Sub};

@@ -1,4 +1,5 @@
-//! Formulas in named variables, as text: numbers, names, `+ − * / ^` with whole exponents, parentheses, `sin`, `cos` and `pi`.
+//! Formulas in named variables, as text: numbers, names, `+ − * / ^` with whole exponents, parentheses, `sin`, `cos`
+//! and `pi`.
 
 use super::dual::Real;
 

@@ -3,15 +3,16 @@
 //! ```text
 //! minimise  F(x) = ‖r(x)‖²   subject to   lower ≤ x ≤ upper,   c(x) ≥ 0,   x feasible (a yes-or-no test)
 //! ```
-//! Every step p minimises `‖r + J p‖² + λ ‖D p‖²` under the linearised inequalities `x + p` within its bounds and `c + C p ≥ 0`, a strictly
-//! convex quadratic program that is solved through its dual. `D` holds the largest norm that each column of J has had (Moré 1978), so
-//! units of the unknowns do not matter; λ follows Nielsen (1999). A step that leaves the feasible set is bent back by a second-order
-//! correction of c first and shortened by a larger λ next: every iterate is feasible, the answer included.
+//! Every step p minimises `‖r + J p‖² + λ ‖D p‖²` under the linearised inequalities `x + p` within its bounds and `c +
+//! C p ≥ 0`, a strictly convex quadratic program that is solved through its dual. `D` holds the largest norm that each
+//! column of J has had (Moré 1978), so units of the unknowns do not matter; λ follows Nielsen (1999). A step that
+//! leaves the feasible set is bent back by a second-order correction of c first and shortened by a larger λ next: every
+//! iterate is feasible, the answer included.
 //!
 //! # When it has converged
-//! With multipliers `μ ≥ 0` of the inequalities and `g = Jᵀr`, the stationarity measure is
-//! `max_j |(g − Cᵀμ)_j| / (‖J_j‖ ‖r‖)`: the cosine of the angle between the residual and a column of the Jacobian, as far as no inequality holds it;
-//! it is free of units. It counts only where complementarity `Σ μᵢ cᵢ ≤ tolerance · F` holds too.
+//! With multipliers `μ ≥ 0` of the inequalities and `g = Jᵀr`, the stationarity measure is `max_j |(g − Cᵀμ)_j| /
+//! (‖J_j‖ ‖r‖)`: the cosine of the angle between the residual and a column of the Jacobian, as far as no inequality
+//! holds it; it is free of units. It counts only where complementarity `Σ μᵢ cᵢ ≤ tolerance · F` holds too.
 
 use super::nonnegative;
 use crate::ctl::{Ctl, Stopped};
@@ -73,8 +74,8 @@ pub enum Stop {
     PerfectFit,
     /// No step decreases the cost by more than its rounding, though the stationarity measure is above its tolerance.
     Precision,
-    /// The feasibility test refuses every step, however short: the point is on the edge of the feasible set, and no inequality says which way
-    /// the edge runs.
+    /// The feasibility test refuses every step, however short: the point is on the edge of the feasible set, and no
+    /// inequality says which way the edge runs.
     Blocked,
     /// The evaluations ran out.
     EvaluationLimit,
@@ -220,7 +221,8 @@ pub fn minimise<P: LeastSquares>(
             return finish(stuck, solver, point);
         }
         if predicted <= UNDECIDED * point.cost {
-            // The cost cannot tell any more which point is better; the stationarity measure, whose rounding is its own and not its root, can.
+            // The cost cannot tell any more which point is better; the stationarity measure, whose rounding is its own
+            // and not its root, can.
             match solver.polished(&point, &step.p, damping, &units, gradient_cosine)? {
                 Some(next) => {
                     point = next;

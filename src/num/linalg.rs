@@ -62,7 +62,8 @@ pub fn complex_singular_values(a: &DMatrix<Complex64>) -> Result<Vec<f64>, NoCon
 /// Left singular vectors (rows × min), singular values (largest first) and right singular vectors (columns × columns).
 pub type SingularValueDecomposition = (DMatrix<f64>, Vec<f64>, DMatrix<f64>);
 
-/// The singular value decomposition `A = U diag(σ) Vᵀ`; V is square, its last columns span the null space of a wide or deficient A.
+/// The singular value decomposition `A = U diag(σ) Vᵀ`; V is square, its last columns span the null space of a wide or
+/// deficient A.
 ///
 /// # Errors
 /// [`NoConvergence`], also for a matrix with an entry that is not finite.
@@ -80,6 +81,21 @@ pub fn svd(a: &DMatrix<f64>) -> Result<SingularValueDecomposition, NoConvergence
         sigma,
         DMatrix::from_fn(a.ncols(), a.ncols(), |i, j| v[(i, j)]),
     ))
+}
+
+/// The symmetric part `(M + Mᵀ)/2` of a square matrix.
+#[must_use]
+pub(crate) fn symmetric(m: &DMatrix<f64>) -> DMatrix<f64> {
+    (m + m.transpose()) * 0.5
+}
+
+/// `M⁻¹X` for a symmetric M: by Cholesky where it is definite, by LU otherwise; NaN where it is singular.
+#[must_use]
+pub(crate) fn solve_symmetric(m: &DMatrix<f64>, x: &DMatrix<f64>) -> DMatrix<f64> {
+    if let Some(factor) = m.clone().cholesky() {
+        return factor.solve(x);
+    }
+    m.clone().lu().solve(x).unwrap_or_else(|| DMatrix::from_element(x.nrows(), x.ncols(), f64::NAN))
 }
 
 /// The minimiser of `‖A x − b‖₂` by Householder QR, with the squared residual.

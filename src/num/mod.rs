@@ -6,6 +6,7 @@ pub mod distributions;
 pub mod dual;
 pub mod expression;
 pub mod fourier;
+pub mod hexadecimal;
 pub mod least_squares;
 pub mod linalg;
 mod nonnegative;

@@ -5,11 +5,11 @@ use nalgebra::{DMatrix, DVector};
 /// A pivot below this, of a matrix with unit diagonal, means that a row depends on those already taken.
 const DEPENDENT: f64 = 1e-12;
 
-/// Minimises `½ μᵀQμ + qᵀμ` over `μ ≥ 0` by the active-set method of Lawson and Hanson (1974, ch. 23), for a positive semidefinite `Q`
-/// with unit diagonal and few rows.
+/// Minimises `½ μᵀQμ + qᵀμ` over `μ ≥ 0` by the active-set method of Lawson and Hanson (1974, ch. 23), for a positive
+/// semidefinite `Q` with unit diagonal and few rows.
 ///
-/// Rows that depend on those already taken stay at zero. The answer satisfies `Qμ + q ≥ −tolerance` in the rows left at zero, and
-/// `(Qμ + q)ᵢ = 0` where `μᵢ > 0`, unless rows were dependent or the count of steps ran out (`3·rows + 10`).
+/// Rows that depend on those already taken stay at zero. The answer satisfies `Qμ + q ≥ −tolerance` in the rows left at
+/// zero, and `(Qμ + q)ᵢ = 0` where `μᵢ > 0`, unless rows were dependent or the count of steps ran out (`3·rows + 10`).
 ///
 /// # Panics
 /// If the shapes differ, which is a mistake of the caller.

@@ -1,7 +1,7 @@
 //! The complex Schur form of a real matrix.
 //!
-//! Neither library of the crate offers one that is both public and sure to end: `faer` keeps its Schur iteration to itself, and
-//! nalgebra's never returns on some cyclic permutations.
+//! Neither library of the crate offers one that is both public and sure to end: `faer` keeps its Schur iteration to
+//! itself, and nalgebra's never returns on some cyclic permutations.
 
 use super::linalg::NoConvergence;
 use nalgebra::DMatrix;
@@ -12,7 +12,8 @@ const SWEEPS: usize = 60;
 /// After so many sweeps without deflation an exceptional shift breaks a cycle.
 const EXCEPTIONAL: usize = 10;
 
-/// `A = U T Uᴴ` with U unitary and T upper triangular; the eigenvalues of A are on the diagonal of T, in no particular order.
+/// `A = U T Uᴴ` with U unitary and T upper triangular; the eigenvalues of A are on the diagonal of T, in no particular
+/// order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ComplexSchur {
     /// U, n×n, unitary.
@@ -22,7 +23,8 @@ pub struct ComplexSchur {
 }
 
 impl ComplexSchur {
-    /// By reduction to Hessenberg form and QR sweeps with Wilkinson's shift (Golub and Van Loan, Matrix Computations, §7.5).
+    /// By reduction to Hessenberg form and QR sweeps with Wilkinson's shift (Golub and Van Loan, Matrix Computations,
+    /// §7.5).
     ///
     /// Backward stable: the error is a small multiple of the machine epsilon times `‖A‖`.
     ///
@@ -181,6 +183,7 @@ mod tests {
 
     #[test]
     fn a_matrix_that_is_not_finite_is_refused() {
-        assert!(ComplexSchur::new(&DMatrix::from_element(2, 2, f64::INFINITY)).is_err());
+        let refused = ComplexSchur::new(&DMatrix::from_element(2, 2, f64::INFINITY)).unwrap_err();
+        assert_eq!(refused, NoConvergence { rows: 2, columns: 2 });
     }
 }

@@ -1,12 +1,12 @@
 //! Plants of published tracking studies, by name.
 
 use crate::control::{Continuous, TransferFunction};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
-use utoipa::ToSchema;
 
 /// A plant of the catalogue.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Plant {
     /// [`two_mass`].
@@ -24,7 +24,7 @@ pub enum Plant {
 }
 
 /// A plant whose matrices depend on named parameters, together with the person who controls it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ParametricPlant {
     /// [`SeatedBalance`](super::SeatedBalance).

@@ -12,12 +12,13 @@ use crate::control::Continuous;
 use crate::control::pade::pade;
 use crate::control::parametric::{Matrices, ParametricModel};
 use crate::num::dual::Real;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// About which axis the head turns.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "HeadAxis")]
 pub enum Axis {
     /// Nodding.
     FlexionExtension,

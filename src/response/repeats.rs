@@ -6,14 +6,14 @@ use super::settings::{Bounds, Channels, CheckedSettings, FrequencySettings, Line
 use crate::ctl::Ctl;
 use crate::trial::Trial;
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Parts that are left out one after the other at most; more trials or segments than these are left out several at a time.
 pub const MOST_FOLDS: usize = 10;
 
 /// What is left out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RepeatKind {
     /// Whole trials.

@@ -1,8 +1,8 @@
 //! How frequency data are computed: as written (unchecked), and checked.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
-use utoipa::ToSchema;
 
 /// Lines of one estimate at most.
 const MAX_LINES: usize = 10_000;
@@ -11,7 +11,7 @@ const MAX_LINES: usize = 10_000;
 const MAX_SEGMENTS: usize = 10_000;
 
 /// The frequencies at which the response is estimated.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Lines {
     /// All lines of the segment's grid, 0 Hz excepted, on which the input carries power (see `power_threshold`,
@@ -29,7 +29,7 @@ pub enum Lines {
 }
 
 /// A piece of the record, in seconds from its first sample.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Bounds {
     /// Where it starts.
@@ -39,7 +39,7 @@ pub struct Bounds {
 }
 
 /// The pieces of each trial that are transformed one by one and averaged.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(
     untagged,
     expecting = "segments are a list of {\"start_s\", \"end_s\"}, or {\"count\": number of equal parts of the whole \
@@ -55,7 +55,7 @@ pub enum Segments {
 }
 
 /// Equal parts of the whole record.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CountSegments {
     /// How many.
@@ -63,7 +63,7 @@ pub struct CountSegments {
 }
 
 /// As many whole pieces of one length as fit.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LengthSegments {
     /// Their length in seconds.
@@ -74,7 +74,7 @@ pub struct LengthSegments {
 }
 
 /// What is taken off every segment of every channel before it is transformed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Detrend {
     /// Nothing.
@@ -87,7 +87,7 @@ pub enum Detrend {
 }
 
 /// The window of a segment of `N` samples, in its periodic form.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Window {
     /// `wᵢ = 1`; equivalent noise bandwidth 1 line.
@@ -136,7 +136,7 @@ impl Window {
 }
 
 /// How segments are averaged; the formulas are those of this module's description.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Average {
     /// The mean of the ratios output/input, as Zhang (2015) does.
@@ -147,7 +147,7 @@ pub enum Average {
 }
 
 /// Whether a segment's end sample belongs to it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EndSample {
     /// `N` samples: one period of a periodic signal.
@@ -157,7 +157,7 @@ pub enum EndSample {
 }
 
 /// How frequency data are computed, as people write it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FrequencySettings {
     /// The frequencies: `"excited"` (default), `"zhang2015_chapter_3"`, `"zhang2015_chapter_5"`, or
@@ -202,7 +202,7 @@ impl Default for FrequencySettings {
 }
 
 /// What drives the loop.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Stimulus {
     /// The command r.
@@ -213,7 +213,7 @@ pub enum Stimulus {
 }
 
 /// What answers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Response {
     /// The output y.

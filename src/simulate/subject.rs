@@ -18,8 +18,8 @@ use nalgebra::DVector;
 use num_complex::Complex64;
 use rand::RngExt;
 use rand_distr::StandardNormal;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Where in the band of usual commands (0 – 0.5 Hz) the preview makes up for the delay of mirrored zeros, rad/s.
 const PREVIEW_OMEGA_RAD_S: f64 = 2.0;
@@ -31,7 +31,7 @@ const FADE_IN_S: f64 = 1.0;
 const POLE_ROUNDING: f64 = 1e-9;
 
 /// Who a simulated subject is. Drawn from a seed by [`SubjectParameters::draw`], or given.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SubjectParameters {
     /// Reaction delay of the feedback, s.

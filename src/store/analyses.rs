@@ -2,6 +2,7 @@
 
 use super::error::{StoreError, StoreResult};
 use super::idempotency::{or_deleted, remember, replay};
+use super::nouns::{Make, Noun, each, fetch, must_exist, select};
 use super::open::Store;
 use super::records::{
     AnalysisFilter, AnalysisRecord, Created, IdempotencyKey, NewAnalysis, Page, RunFilter, RunProgress,
@@ -14,16 +15,8 @@ use sqlx::SqliteConnection;
 use sqlx::sqlite::SqliteRow;
 use uuid::Uuid;
 
-pub(super) const NOUN: &str = "analysis";
-
 /// Of how many analyses a run is asked how long they took.
 const LATEST: i64 = 20;
-
-/// Everything but the report, which can be large.
-const COLUMNS: &str =
-    "a.id, a.study_id, a.kind, a.request, a.request_sha256, a.spec_sha256, a.status, a.attempts, a.cancel_requested,
-    a.progress_done, a.progress_total, a.incumbent_cost, a.incumbent_index, a.lower_bound, a.incumbent, a.eta_s, a.problem, a.version, a.created_at, a.started_at, a.finished_at,
-    a.updated_at";
 
 pub(super) fn status(row: &SqliteRow) -> StoreResult<Status> {
     let name: String = get(row, "status")?;
@@ -45,35 +38,48 @@ pub(super) fn bracket(row: &SqliteRow) -> StoreResult<Option<Bracket>> {
     Ok(Some(Bracket { incumbent, bound: get(row, "lower_bound")?, index: unsigned(row, "incumbent_index")? }))
 }
 
-fn analysis(row: &SqliteRow) -> StoreResult<AnalysisRecord> {
-    Ok(AnalysisRecord {
-        id: parsed(row, "id")?,
-        study: parsed_opt(row, "study_id")?,
-        kind: parsed(row, "kind")?,
-        request: json_verified(row, "request", "request_sha256")?,
-        spec_sha256: get(row, "spec_sha256")?,
-        status: status(row)?,
-        attempts: attempts(row)?,
-        progress: Progress { done: unsigned(row, "progress_done")?, total: unsigned(row, "progress_total")? },
-        bracket: bracket(row)?,
-        incumbent: json_opt(row, "incumbent")?,
-        eta_s: get(row, "eta_s")?,
-        cancel_requested: get(row, "cancel_requested")?,
-        problem: json_opt(row, "problem")?,
-        version: get(row, "version")?,
-        created_at: time(row, "created_at")?,
-        started_at: time_opt(row, "started_at")?,
-        finished_at: time_opt(row, "finished_at")?,
-        updated_at: time(row, "updated_at")?,
-    })
-}
+impl Noun for AnalysisRecord {
+    type Id = AnalysisId;
+    const NAME: &'static str = "analysis";
+    const TABLE: &'static str = "analyses";
+    // Everything but the report, which can be large.
+    const SELECT: &'static str =
+        "SELECT n.id, n.study_id, n.kind, n.request, n.request_sha256, n.spec_sha256, n.status,
+            n.attempts, n.cancel_requested, n.progress_done, n.progress_total, n.incumbent_cost, n.incumbent_index,
+            n.lower_bound, n.incumbent, n.eta_s, n.problem, n.version, n.created_at, n.started_at, n.finished_at,
+            n.updated_at
+         FROM analyses n";
 
-async fn fetch(connection: &mut SqliteConnection, id: &str) -> StoreResult<AnalysisRecord> {
-    let row = sqlx::query(sqlx::AssertSqlSafe(format!("SELECT {COLUMNS} FROM analyses a WHERE a.id = $1")))
-        .bind(id)
-        .fetch_optional(connection)
-        .await?;
-    analysis(&row.ok_or_else(|| StoreError::not_found(NOUN, id))?)
+    fn from_row(row: &SqliteRow) -> StoreResult<Self> {
+        Ok(Self {
+            id: parsed(row, "id")?,
+            study: parsed_opt(row, "study_id")?,
+            kind: parsed(row, "kind")?,
+            request: json_verified(row, "request", "request_sha256")?,
+            spec_sha256: get(row, "spec_sha256")?,
+            status: status(row)?,
+            attempts: attempts(row)?,
+            progress: Progress { done: unsigned(row, "progress_done")?, total: unsigned(row, "progress_total")? },
+            bracket: bracket(row)?,
+            incumbent: json_opt(row, "incumbent")?,
+            eta_s: get(row, "eta_s")?,
+            cancel_requested: get(row, "cancel_requested")?,
+            problem: json_opt(row, "problem")?,
+            version: get(row, "version")?,
+            created_at: time(row, "created_at")?,
+            started_at: time_opt(row, "started_at")?,
+            finished_at: time_opt(row, "finished_at")?,
+            updated_at: time(row, "updated_at")?,
+        })
+    }
+
+    fn id(&self) -> AnalysisId {
+        self.id
+    }
+
+    fn version(&self) -> i64 {
+        self.version
+    }
 }
 
 /// The study of everything that an analysis names; `None` where it names nothing.
@@ -102,7 +108,7 @@ async fn common_study(connection: &mut SqliteConnection, new: &NewAnalysis) -> S
 
 async fn insert(connection: &mut SqliteConnection, new: &NewAnalysis, now: i64) -> StoreResult<AnalysisRecord> {
     if let Some(study) = new.study {
-        super::studies::must_exist(connection, study).await?;
+        must_exist(connection, study).await?;
     }
     let study = common_study(connection, new).await?;
     let id = Uuid::now_v7().to_string();
@@ -130,6 +136,19 @@ async fn insert(connection: &mut SqliteConnection, new: &NewAnalysis, now: i64) 
     fetch(connection, &id).await
 }
 
+impl Make for AnalysisRecord {
+    type New = NewAnalysis;
+
+    // Looked for with everything else that it names.
+    fn study(_: &NewAnalysis) -> Option<StudyId> {
+        None
+    }
+
+    async fn insert(connection: &mut SqliteConnection, new: &NewAnalysis, now: i64) -> StoreResult<Self> {
+        insert(connection, new, now).await
+    }
+}
+
 async fn link(
     connection: &mut SqliteConnection,
     analysis: &str,
@@ -152,8 +171,8 @@ fn by_status(counts: &[(String, i64)]) -> Vec<(Status, u64)> {
 }
 
 impl Store {
-    /// Queues an analysis. The request is canonical (defaults filled in); its references must exist (`NotFound` else) and
-    /// be of one study, which becomes the analysis's where none is given.
+    /// Queues an analysis. The request is canonical (defaults filled in); its references must exist (`NotFound` else)
+    /// and be of one study, which becomes the analysis's where none is given.
     ///
     /// # Errors
     /// [`StoreError::NotFound`] (study, trial, plant), [`StoreError::Conflict`] (`other_study`,
@@ -163,16 +182,11 @@ impl Store {
         new: NewAnalysis,
         key: Option<&IdempotencyKey>,
     ) -> StoreResult<Created<AnalysisRecord>> {
-        let mut tx = self.begin().await?;
-        if let Some(ids) = replay(&mut tx, "analyses", key).await? {
-            return or_deleted(fetch(&mut tx, &ids.concat()).await).map(Created::Replayed);
+        let made = self.make(new, key).await?;
+        if matches!(made, Created::New(_)) {
+            self.announce_work();
         }
-        let now = self.now_us();
-        let made = insert(&mut tx, &new, now).await?;
-        remember(&mut tx, "analyses", key, &[made.id.to_string()], now).await?;
-        tx.commit().await?;
-        self.announce_work();
-        Ok(Created::New(made))
+        Ok(made)
     }
 
     /// Queues many in one transaction: all or none. Their idempotency key is scoped by the study of the first.
@@ -211,7 +225,7 @@ impl Store {
     /// # Errors
     /// [`StoreError::NotFound`], the database's own.
     pub async fn analysis(&self, id: AnalysisId) -> StoreResult<AnalysisRecord> {
-        fetch(&mut *self.readers().acquire().await?, &id.to_string()).await
+        self.read(id).await
     }
 
     /// A page of the analyses that match a filter.
@@ -219,14 +233,13 @@ impl Store {
     /// # Errors
     /// The database's own.
     pub async fn analyses(&self, filter: AnalysisFilter, page: Page) -> StoreResult<Vec<AnalysisRecord>> {
-        let rows = sqlx::query(sqlx::AssertSqlSafe(format!(
-            "SELECT {COLUMNS} FROM analyses a
-             WHERE a.id > $1 AND ($2 IS NULL OR a.study_id = $2) AND ($3 IS NULL OR a.kind = $3)
-               AND ($4 IS NULL OR a.status = $4)
+        let rows = sqlx::query(select::<AnalysisRecord>(
+            "WHERE n.id > $1 AND ($2 IS NULL OR n.study_id = $2) AND ($3 IS NULL OR n.kind = $3)
+               AND ($4 IS NULL OR n.status = $4)
                AND ($5 IS NULL
-                    OR EXISTS (SELECT 1 FROM analysis_trials u WHERE u.trial_id = $5 AND u.analysis_id = a.id))
-             ORDER BY a.id LIMIT $6"
-        )))
+                    OR EXISTS (SELECT 1 FROM analysis_trials u WHERE u.trial_id = $5 AND u.analysis_id = n.id))
+             ORDER BY n.id LIMIT $6",
+        ))
         .bind(page.after_id())
         .bind(filter.study.map(|id| id.to_string()))
         .bind(filter.kind.map(|kind| kind.name()))
@@ -235,7 +248,7 @@ impl Store {
         .bind(page.limit)
         .fetch_all(self.readers())
         .await?;
-        rows.iter().map(analysis).collect()
+        each(&rows)
     }
 
     /// Cancels a queued analysis at once, flags a running one, leaves a finished one as it is.
@@ -249,7 +262,7 @@ impl Store {
             .bind(&id)
             .fetch_optional(&mut *tx)
             .await?
-            .ok_or_else(|| StoreError::not_found(NOUN, &id))?;
+            .ok_or_else(|| StoreError::not_found(AnalysisRecord::NAME, &id))?;
         let before = job(&row)?;
         let after = before
             .apply(Event::RequestCancel)
@@ -274,23 +287,6 @@ impl Store {
         Ok(record)
     }
 
-    /// Deletes an analysis; a running one is abandoned by its worker at its next heartbeat.
-    ///
-    /// # Errors
-    /// [`StoreError::NotFound`], the database's own.
-    pub async fn delete_analysis(&self, id: AnalysisId) -> StoreResult<()> {
-        let (store, id) = (self.clone(), id.to_string());
-        self.delete(async move {
-            let mut tx = store.begin_erasing().await?;
-            let gone = sqlx::query("DELETE FROM analyses WHERE id = $1").bind(&id).execute(&mut *tx).await?;
-            if gone.rows_affected() == 0 {
-                return Err(StoreError::not_found(NOUN, &id));
-            }
-            Ok(tx.commit().await?)
-        })
-        .await
-    }
-
     /// How many analyses there are in each status, zeros included.
     ///
     /// # Errors
@@ -307,7 +303,7 @@ impl Store {
     /// [`StoreError::NotFound`] (study), the database's own.
     pub async fn run_progress(&self, study: StudyId, run: &RunFilter) -> StoreResult<RunProgress> {
         let mut connection = self.readers().acquire().await?;
-        super::studies::must_exist(&mut connection, study).await?;
+        must_exist(&mut connection, study).await?;
         let counts: Vec<(String, i64)> = sqlx::query_as(
             "SELECT status, count(*) FROM analyses
              WHERE study_id = $1 AND ($2 IS NULL OR kind = $2) AND ($3 IS NULL OR spec_sha256 = $3)

@@ -51,7 +51,8 @@ pub enum StoreError {
 pub type StoreResult<T> = Result<T, StoreError>;
 
 impl StoreError {
-    /// Whether the same call may succeed a little later: the file was locked, the disk was full, no connection was free.
+    /// Whether the same call may succeed a little later: the file was locked, the disk was full, no connection was
+    /// free.
     #[must_use]
     pub fn is_transient(&self) -> bool {
         let Self::Database(error) = self else { return false };
@@ -73,7 +74,8 @@ pub(super) fn primary_code(error: &dyn sqlx::error::DatabaseError) -> Option<u32
     error.code()?.parse::<u32>().ok().map(|code| code & 0xff)
 }
 
-/// Whether an insert or update failed because a unique index over `columns` (as SQLite lists them) holds the value already.
+/// Whether an insert or update failed because a unique index over `columns` (as SQLite lists them) holds the value
+/// already.
 pub(super) fn breaks_unique(error: &sqlx::Error, columns: &[&str]) -> bool {
     let Some(error) = error.as_database_error() else { return false };
     error.is_unique_violation() && columns.iter().any(|list| error.message().ends_with(list))

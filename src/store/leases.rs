@@ -157,7 +157,8 @@ impl Store {
         row.map(|row| Ok((Lease { analysis: parsed(&row, "id")?, token }, row))).transpose()
     }
 
-    /// Extends the lease and writes how far the work is; `Held::Lost` when the lease is somebody else's or the row is gone.
+    /// Extends the lease and writes how far the work is; `Held::Lost` when the lease is somebody else's or the row is
+    /// gone.
     ///
     /// The version (ETag) changes only when what people see changes.
     ///

@@ -1,11 +1,12 @@
 //! Recordings, and everything else that an analysis computes from.
 
 use super::error::{StoreError, StoreResult};
+use super::nouns::fetch;
 use super::open::Store;
+use super::records::{Plant, TrialRecord};
 use super::rows::get;
 use super::signals::{Packed, unpack};
-use super::trials::{fetch, off_runtime};
-use super::{TrialRecord, plants};
+use super::trials::off_runtime;
 use crate::analysis::ids::TrialId;
 use crate::analysis::{Library, References, StoredTrial};
 use crate::trial::Trial;
@@ -33,7 +34,7 @@ async fn columns(connection: &mut SqliteConnection, id: &str) -> StoreResult<Vec
 /// The record and the packed columns as they are at one moment.
 async fn packed(store: &Store, id: TrialId) -> StoreResult<(TrialRecord, Vec<Packed>)> {
     let mut tx = store.snapshot().await?;
-    let record = fetch(&mut tx, &id.to_string()).await?;
+    let record = fetch(&mut tx, id).await?;
     let columns = columns(&mut tx, &id.to_string()).await?;
     Ok((record, columns))
 }
@@ -74,7 +75,7 @@ impl Store {
         }
         let mut connection = self.readers().acquire().await?;
         for id in &references.plants {
-            let plant = plants::fetch(&mut connection, &id.to_string()).await?;
+            let plant: Plant = fetch(&mut connection, id).await?;
             library.plants.insert(*id, plant.model);
         }
         Ok(library)

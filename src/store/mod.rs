@@ -4,18 +4,18 @@
 //! `BEGIN IMMEDIATE` transaction, so that a read followed by a write cannot be overtaken; a small pool reads. Other
 //! processes may have the same file open (a `worker` beside a `serve`).
 //!
-//! **Deleting really deletes.** `secure_delete` overwrites what rows held, the write-ahead log is folded in and truncated,
-//! and `VACUUM` clears stale copies out of the pages, so that neither file still holds the bytes: before the deletion
-//! returns where the database is small, within seconds where it is large. Deleting a study takes its plants, subjects, trials
-//! and analyses; deleting a subject takes the trials; deleting a trial (or plant) takes the analyses that used it, reports
-//! and all. A plant on which trials were recorded cannot be deleted.
+//! **Deleting really deletes.** `secure_delete` overwrites what rows held, the write-ahead log is folded in and
+//! truncated, and `VACUUM` clears stale copies out of the pages, so that neither file still holds the bytes: before the
+//! deletion returns where the database is small, within seconds where it is large. Deleting a study takes its plants,
+//! subjects, trials and analyses; deleting a subject takes the trials; deleting a trial (or plant) takes the analyses
+//! that used it, reports and all. A plant on which trials were recorded cannot be deleted.
 //!
 //! **The analysis row is the job.** Its legal transitions are in [`crate::jobs`]; every write by a worker matches id,
 //! `running` and lease token, so that a worker which comes late can never win.
 //!
-//! **Idempotency keys** are scoped by route and parent (`studies/{id}/plants`). The same key with the same request answers
-//! with what the first one made; with another request it is [`StoreError::KeyReused`]; where that was deleted since, it is a
-//! conflict (`idempotent_result_deleted`), never made anew.
+//! **Idempotency keys** are scoped by route and parent (`studies/{id}/plants`). The same key with the same request
+//! answers with what the first one made; with another request it is [`StoreError::KeyReused`]; where that was deleted
+//! since, it is a conflict (`idempotent_result_deleted`), never made anew.
 
 mod analyses;
 mod clock;
@@ -23,6 +23,7 @@ mod error;
 mod idempotency;
 mod leases;
 mod library;
+mod nouns;
 mod open;
 mod plants;
 pub mod records;
@@ -37,10 +38,6 @@ mod trials;
 
 pub use clock::Clock;
 pub use error::{StoreError, StoreResult};
+pub use nouns::{Change, Noun};
 pub use open::Store;
 pub use records::*;
-
-use crate::control::Model;
-
-/// The plant model of a plant record, parsed.
-pub type PlantModel = Model;

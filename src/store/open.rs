@@ -2,16 +2,27 @@
 
 use super::clock::Clock;
 use super::error::{StoreError, StoreResult, primary_code};
-use sqlx::migrate::{MigrateError, Migrator};
+use sqlx::migrate::{MigrateError, Migration, MigrationType, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{Sqlite, Transaction};
+use sqlx::{SqlSafeStr as _, Sqlite, Transaction};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Weak};
 use std::time::Duration;
 use tokio::sync::Notify;
 
-static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
+/// The migrations, by version. The macro of sqlx that reads the folder would compile SQLite a second time.
+const MIGRATIONS: [(i64, &str, &str); 2] = [
+    (1, "studies trials analyses", include_str!("../../migrations/0001_studies_trials_analyses.sql")),
+    (2, "brackets", include_str!("../../migrations/0002_brackets.sql")),
+];
+
+fn migrator() -> Migrator {
+    let migration = |(version, description, sql): (i64, &'static str, &'static str)| {
+        Migration::new(version, description.into(), MigrationType::Simple, sql.into_sql_str(), false)
+    };
+    Migrator::with_migrations(MIGRATIONS.map(migration).to_vec())
+}
 
 /// `PRAGMA application_id` of our files ("VOLT"); the first migration writes it.
 const APPLICATION_ID: i64 = 0x564F_4C54;
@@ -44,12 +55,12 @@ pub(super) struct Inner {
 }
 
 impl Store {
-    /// Opens (creating and migrating it where needed) the database file; `None` is a private temporary one, removed with
-    /// the last handle.
+    /// Opens (creating and migrating it where needed) the database file; `None` is a private temporary one, removed
+    /// with the last handle.
     ///
     /// # Errors
-    /// [`StoreError::CannotOpen`] where the path is a directory, is not ours, or cannot be read and written, or was written
-    /// by a newer version; [`StoreError::Migration`] where its schema cannot be brought up to date.
+    /// [`StoreError::CannotOpen`] where the path is a directory, is not ours, or cannot be read and written, or was
+    /// written by a newer version; [`StoreError::Migration`] where its schema cannot be brought up to date.
     pub async fn open(path: Option<&Path>) -> StoreResult<Self> {
         Self::open_with_clock(path, Clock::System).await
     }
@@ -177,8 +188,8 @@ fn check_file(file: &Path) -> StoreResult<()> {
     match std::fs::metadata(file) {
         Ok(metadata) if metadata.is_dir() => Err(cannot("it is a directory; name a file".to_owned())),
         Ok(metadata) if !metadata.is_file() => Err(cannot("it is not a regular file".to_owned())),
-        // Not opened here: closing it again would drop the locks that SQLite may hold on it in this process (POSIX locks
-        // belong to process and file, not to the handle).
+        // Not opened here: closing it again would drop the locks that SQLite may hold on it in this process (POSIX
+        // locks belong to process and file, not to the handle).
         Ok(_) => Ok(()),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
             let mut options = std::fs::OpenOptions::new();
@@ -207,7 +218,7 @@ async fn prepare(writer: &SqlitePool, file: &Path) -> StoreResult<()> {
         return Err(cannot("it is an SQLite database of another program".to_owned()));
     }
     // Within the transaction, so that two processes that start together do not migrate at once.
-    MIGRATIONS.run(&mut *tx).await.map_err(|error| match error {
+    migrator().run(&mut *tx).await.map_err(|error| match error {
         MigrateError::VersionMissing(version) | MigrateError::VersionTooNew(version, _) => cannot(format!(
             "it was written by a newer version of this program (its schema has step {version}, unknown here); \
              run that version, or restore an older backup"

@@ -115,6 +115,13 @@ pub struct Plant {
     pub updated_at: OffsetDateTime,
 }
 
+/// Changes to a plant; `None` leaves a field as it is.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct PlantPatch {
+    /// A new name.
+    pub name: Option<String>,
+}
+
 /// A subject as asked for.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewSubject {

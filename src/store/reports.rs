@@ -1,13 +1,15 @@
 //! Reports of finished analyses.
 
-use super::analyses::NOUN;
 use super::error::{StoreError, StoreResult};
+use super::nouns::Noun as _;
 use super::open::Store;
-use super::records::TrialReport;
+use super::records::{AnalysisRecord, TrialReport};
 use super::rows::{get, parsed, sha256, time};
 use crate::analysis::ids::{AnalysisId, TrialId};
 use crate::analysis::{Kind, Report};
 use sqlx::sqlite::SqliteRow;
+
+const NOUN: &str = AnalysisRecord::NAME;
 
 /// The report's text, its hash verified.
 fn verified(row: &SqliteRow) -> StoreResult<Option<String>> {

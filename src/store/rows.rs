@@ -1,7 +1,7 @@
 //! From rows to the words of the domain. What cannot be read back is damage, and says where.
 
 use super::error::{StoreError, StoreResult};
-use crate::analysis::report::hexadecimal;
+use crate::num::hexadecimal::hexadecimal;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 use sqlx::sqlite::SqliteRow;

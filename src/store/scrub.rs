@@ -3,12 +3,13 @@
 //! Three layers hold traces of a deleted row, and each has its remedy:
 //! - the row itself and its blobs: `secure_delete` overwrites them as part of the deletion;
 //! - the write-ahead log: folded in and truncated right after it;
-//! - stale copies in the unused middle of pages, which SQLite leaves when it moves rows between pages and `secure_delete`
-//!   does not reach (`rebuildPage` in SQLite 3.51; our tests find them): only `VACUUM`, which writes every page anew.
+//! - stale copies in the unused middle of pages, which SQLite leaves when it moves rows between pages and
+//!   `secure_delete` does not reach (`rebuildPage` in SQLite 3.51; our tests find them): only `VACUUM`, which writes
+//!   every page anew.
 //!
-//! A small database is vacuumed before the deletion returns. A large one, where that takes seconds and stops other writes,
-//! a little later, so that a series of deletions shares one; the debt is counted in `PRAGMA user_version`, within the
-//! deletion's own transaction, and whoever opens the database next pays it if this process dies.
+//! A small database is vacuumed before the deletion returns. A large one, where that takes seconds and stops other
+//! writes, a little later, so that a series of deletions shares one; the debt is counted in `PRAGMA user_version`,
+//! within the deletion's own transaction, and whoever opens the database next pays it if this process dies.
 
 use super::clock::span_us;
 use super::error::StoreResult;
@@ -34,7 +35,7 @@ impl Store {
     }
 
     /// Runs a deletion to its end and clears its traces away, even when whoever asked has gone away meanwhile.
-    pub(super) async fn delete<T, F>(&self, deletion: F) -> StoreResult<T>
+    pub(super) async fn erase<T, F>(&self, deletion: F) -> StoreResult<T>
     where
         T: Send + 'static,
         F: Future<Output = StoreResult<T>> + Send + 'static,
@@ -53,7 +54,8 @@ impl Store {
         }
     }
 
-    /// Clears every trace of earlier deletions away, however large the database is. Writes wait meanwhile; reads do not.
+    /// Clears every trace of earlier deletions away, however large the database is. Writes wait meanwhile; reads do
+    /// not.
     ///
     /// # Errors
     /// The database's own; the debt then stays.
@@ -69,8 +71,8 @@ impl Store {
                 .await?;
             sqlx::query("VACUUM").execute(&mut *connection).await?;
             let took_s = begin.elapsed().as_secs_f64();
-            // While nobody could write, nobody could renew a lease either. Nor may another process's deletion since then
-            // be forgotten.
+            // While nobody could write, nobody could renew a lease either. Nor may another process's deletion since
+            // then be forgotten.
             let mut tx = connection.begin_with("BEGIN IMMEDIATE").await?;
             settle(&mut tx, owed, span_us(took_s)).await?;
             tx.commit().await?;
@@ -82,8 +84,8 @@ impl Store {
         Ok(())
     }
 
-    /// Clears traces away at once where that is quick, else in a while. After each deletion, and on the way of each rescue,
-    /// which pays what an earlier attempt could not.
+    /// Clears traces away at once where that is quick, else in a while. After each deletion, and on the way of each
+    /// rescue, which pays what an earlier attempt could not.
     pub(super) async fn scrub_if_due(&self) {
         match self.owes_and_is_small().await {
             Ok((true, true)) => return self.scrub_or_warn().await,
@@ -124,8 +126,8 @@ impl Store {
 
     /// Folds the write-ahead log into the file and truncates it.
     ///
-    /// A reader that holds an old state can prevent that; then it stays due, and the next deletion or rescue (each worker
-    /// makes one every few seconds) tries again.
+    /// A reader that holds an old state can prevent that; then it stays due, and the next deletion or rescue (each
+    /// worker makes one every few seconds) tries again.
     async fn truncate_log(&self) {
         let outcome =
             sqlx::query_as::<_, (i64, i64, i64)>("PRAGMA wal_checkpoint(TRUNCATE)").fetch_one(self.writer()).await;

@@ -2,51 +2,53 @@
 
 use super::error::{StoreError, StoreResult, breaks_unique};
 use super::idempotency::{or_deleted, remember, replay};
+use super::nouns::{Change, Noun, fetch};
 use super::open::Store;
-use super::records::{Created, IdempotencyKey, NewTrial, TrialPatch, TrialRecord};
+use super::records::{Created, IdempotencyKey, NewTrial, Subject, TrialPatch, TrialRecord};
 use super::rows::{get, json, parsed, signed, time, to_json, unsigned};
 use super::signals::{Packed, pack};
-use super::studies::missed;
 use crate::analysis::ids::{SubjectId, TrialId};
-use crate::analysis::report::hexadecimal;
+use crate::num::hexadecimal::hexadecimal;
 use sqlx::SqliteConnection;
 use sqlx::sqlite::SqliteRow;
 use uuid::Uuid;
 
-const NOUN: &str = "trial";
-const EXISTS: &str = "SELECT 1 FROM trials WHERE id = $1";
+impl Noun for TrialRecord {
+    type Id = TrialId;
+    const NAME: &'static str = "trial";
+    const TABLE: &'static str = "trials";
+    const SELECT: &'static str = "SELECT n.*, s.display_limit FROM trials n JOIN studies s ON s.id = n.study_id";
 
-/// Reads a row of `SELECT t.*, s.display_limit FROM trials t JOIN studies s …`.
-pub(super) fn trial(row: &SqliteRow) -> StoreResult<TrialRecord> {
-    let max_abs_output: f64 = get(row, "max_abs_output")?;
-    let display_limit: Option<f64> = get(row, "display_limit")?;
-    Ok(TrialRecord {
-        id: parsed(row, "id")?,
-        study: parsed(row, "study_id")?,
-        subject: parsed(row, "subject_id")?,
-        plant: parsed(row, "plant_id")?,
-        number: get(row, "number")?,
-        session: get(row, "session")?,
-        sample_time_s: get(row, "sample_time_s")?,
-        samples: unsigned(row, "samples")?,
-        has_disturbance: get(row, "has_disturbance")?,
-        sha256: get(row, "sha256")?,
-        max_abs_output,
-        divergent: display_limit.is_some_and(|limit| max_abs_output > limit),
-        metrics: json(row, "metrics")?,
-        version: get(row, "version")?,
-        created_at: time(row, "created_at")?,
-        updated_at: time(row, "updated_at")?,
-    })
-}
+    fn from_row(row: &SqliteRow) -> StoreResult<Self> {
+        let max_abs_output: f64 = get(row, "max_abs_output")?;
+        let display_limit: Option<f64> = get(row, "display_limit")?;
+        Ok(Self {
+            id: parsed(row, "id")?,
+            study: parsed(row, "study_id")?,
+            subject: parsed(row, "subject_id")?,
+            plant: parsed(row, "plant_id")?,
+            number: get(row, "number")?,
+            session: get(row, "session")?,
+            sample_time_s: get(row, "sample_time_s")?,
+            samples: unsigned(row, "samples")?,
+            has_disturbance: get(row, "has_disturbance")?,
+            sha256: get(row, "sha256")?,
+            max_abs_output,
+            divergent: display_limit.is_some_and(|limit| max_abs_output > limit),
+            metrics: json(row, "metrics")?,
+            version: get(row, "version")?,
+            created_at: time(row, "created_at")?,
+            updated_at: time(row, "updated_at")?,
+        })
+    }
 
-pub(super) async fn fetch(connection: &mut SqliteConnection, id: &str) -> StoreResult<TrialRecord> {
-    let row =
-        sqlx::query("SELECT t.*, s.display_limit FROM trials t JOIN studies s ON s.id = t.study_id WHERE t.id = $1")
-            .bind(id)
-            .fetch_optional(connection)
-            .await?;
-    trial(&row.ok_or_else(|| StoreError::not_found(NOUN, id))?)
+    fn id(&self) -> TrialId {
+        self.id
+    }
+
+    fn version(&self) -> i64 {
+        self.version
+    }
 }
 
 fn number_taken(error: sqlx::Error, number: i64, session: Option<i64>) -> StoreError {
@@ -143,15 +145,40 @@ async fn insert(
     Ok(id)
 }
 
+impl Change for TrialRecord {
+    type Patch = TrialPatch;
+
+    async fn update(
+        connection: &mut SqliteConnection,
+        before: &Self,
+        patch: &TrialPatch,
+        now: i64,
+    ) -> StoreResult<Self> {
+        let number = patch.number.unwrap_or(before.number);
+        let session = patch.session.unwrap_or(before.session);
+        sqlx::query(
+            "UPDATE trials SET number = $2, session = $3, version = version + 1, updated_at = $4 WHERE id = $1",
+        )
+        .bind(before.id.to_string())
+        .bind(number)
+        .bind(session)
+        .bind(now)
+        .execute(&mut *connection)
+        .await
+        .map_err(|error| number_taken(error, number, session))?;
+        fetch(connection, before.id).await
+    }
+}
+
 impl Store {
     /// Stores all of them or none (one transaction). A trial whose content is already stored for this subject is
     /// returned with [`Created::Duplicate`] and not stored again; a number already taken within its session by other
     /// content is a conflict (`trial_number_taken`).
     ///
     /// # Errors
-    /// [`StoreError::NotFound`] (subject; plant, also one of another study), [`StoreError::Conflict`] (`trial_number_taken`,
-    /// `idempotent_result_deleted`), [`StoreError::KeyReused`], [`StoreError::Damaged`] where a hash given is not that of
-    /// the content, the database's own.
+    /// [`StoreError::NotFound`] (subject; plant, also one of another study), [`StoreError::Conflict`]
+    /// (`trial_number_taken`, `idempotent_result_deleted`), [`StoreError::KeyReused`], [`StoreError::Damaged`] where a
+    /// hash given is not that of the content, the database's own.
     pub async fn create_trials(
         &self,
         subject: SubjectId,
@@ -162,7 +189,7 @@ impl Store {
         let subject = subject.to_string();
         let packed = off_runtime(move || pack_all(new)).await?;
         let mut tx = self.begin().await?;
-        let study = super::subjects::fetch(&mut tx, &subject).await?.study.to_string();
+        let study = fetch::<Subject>(&mut tx, &subject).await?.study.to_string();
         let mut outcome = Vec::with_capacity(packed.len());
         if let Some(ids) = replay(&mut tx, &scope, key).await? {
             for id in &ids {
@@ -196,63 +223,6 @@ impl Store {
     /// # Errors
     /// [`StoreError::NotFound`], the database's own.
     pub async fn trial(&self, id: TrialId) -> StoreResult<TrialRecord> {
-        fetch(&mut *self.readers().acquire().await?, &id.to_string()).await
-    }
-
-    /// Changes a trial's number or session.
-    ///
-    /// # Errors
-    /// [`StoreError::NotFound`], [`StoreError::Stale`], [`StoreError::Conflict`] (`trial_number_taken`), the database's own.
-    pub async fn patch_trial(&self, id: TrialId, patch: TrialPatch, if_match: Option<i64>) -> StoreResult<TrialRecord> {
-        let id = id.to_string();
-        let mut tx = self.begin().await?;
-        let before = fetch(&mut tx, &id).await?;
-        if if_match.is_some_and(|version| version != before.version) {
-            return Err(StoreError::Stale { noun: NOUN });
-        }
-        if patch == TrialPatch::default() {
-            return Ok(before);
-        }
-        let number = patch.number.unwrap_or(before.number);
-        let session = patch.session.unwrap_or(before.session);
-        let changed = sqlx::query(
-            "UPDATE trials SET number = $2, session = $3, version = version + 1, updated_at = $4
-             WHERE id = $1 AND version = $5",
-        )
-        .bind(&id)
-        .bind(number)
-        .bind(session)
-        .bind(self.now_us())
-        .bind(before.version)
-        .execute(&mut *tx)
-        .await
-        .map_err(|error| number_taken(error, number, session))?;
-        if changed.rows_affected() == 0 {
-            return Err(StoreError::Stale { noun: NOUN });
-        }
-        let after = fetch(&mut tx, &id).await?;
-        tx.commit().await?;
-        Ok(after)
-    }
-
-    /// Deletes a trial with its signals and the analyses that used it, and overwrites what they held.
-    ///
-    /// # Errors
-    /// [`StoreError::NotFound`], [`StoreError::Stale`], the database's own.
-    pub async fn delete_trial(&self, id: TrialId, if_match: Option<i64>) -> StoreResult<()> {
-        let (store, id) = (self.clone(), id.to_string());
-        self.delete(async move {
-            let mut tx = store.begin_erasing().await?;
-            let gone = sqlx::query("DELETE FROM trials WHERE id = $1 AND ($2 IS NULL OR version = $2)")
-                .bind(&id)
-                .bind(if_match)
-                .execute(&mut *tx)
-                .await?;
-            if gone.rows_affected() == 0 {
-                return Err(missed(&mut tx, NOUN, EXISTS, &id).await?);
-            }
-            Ok(tx.commit().await?)
-        })
-        .await
+        self.read(id).await
     }
 }

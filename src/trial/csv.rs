@@ -1,16 +1,17 @@
 //! Trials as CSV (RFC 4180): a header that names the columns, one row per sample.
 //!
 //! The header's `t`, `r`, `u`, `y`, `d` (in either case, in any order) are the signals; a [`ColumnMapping`] gives a
-//! signal another name. Other columns are left out and reported by name. A byte order mark, empty lines at the end, spaces
-//! around a number and either line end are tolerated; comment lines, empty lines between rows and empty cells are not.
+//! signal another name. Other columns are left out and reported by name. A byte order mark, empty lines at the end,
+//! spaces around a number and either line end are tolerated; comment lines, empty lines between rows and empty cells
+//! are not.
 
 use super::error::{Location, ReadError};
 use super::limits::Limits;
 use super::signals::{Channel, Signals, Trial};
 use super::{ReadTrial, TrialError};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::io::{BufRead, BufReader, Read};
-use utoipa::ToSchema;
 
 /// No line of numbers is longer; a header or an extra column with text may be long, but not endless.
 const MAX_LINE_BYTES: usize = 1024 * 1024;
@@ -21,7 +22,7 @@ const MAX_COLUMNS: usize = 10_000;
 /// The names of a file's columns, where they are not `t`, `r`, `u`, `y`, `d`: `{"command": "target_px"}`.
 ///
 /// A signal with a name here is looked for under exactly that name, and no longer under its letter.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ColumnMapping {
     /// Column of the time in seconds.

@@ -1,6 +1,7 @@
 //! Why something is no trial, and where in it.
 
 use super::gzip::GzipError;
+use super::pointer;
 use super::sample_time::TimeDefect;
 use super::signals::Channel;
 
@@ -290,7 +291,7 @@ impl ReadError {
             Self::NoHeader | Self::Delimiter { .. } | Self::MissingColumns { .. } => Some(Location::Line(1)),
             Self::DuplicateColumn { name, .. } | Self::MappedTwice { name, .. } => Some(Location::Column(name.clone())),
             Self::UnknownMember { name } | Self::DuplicateMember { name } => {
-                Some(Location::Pointer(format!("/{}", name.replace('~', "~0").replace('/', "~1"))))
+                Some(Location::Pointer(pointer::member("", name)))
             }
             Self::WrongType { pointer, .. } => Some(Location::Pointer(pointer.clone())),
             Self::Trial { location, .. } => location.clone(),

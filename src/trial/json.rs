@@ -6,6 +6,7 @@
 use super::error::{Location, ReadError, TrialError};
 use super::limits::Limits;
 use super::signals::{Channel, Signals, Trial};
+use schemars::JsonSchema;
 use serde::de::{self, DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use std::cell::RefCell;
 use std::fmt;
@@ -41,6 +42,27 @@ pub fn read(source: impl Read, sample_time_s: Option<f64>, limits: &Limits) -> R
 /// As [`read`].
 pub fn from_value(value: &serde_json::Value, limits: &Limits) -> Result<Trial, ReadError> {
     Document::read(value, limits)?.trial(None)
+}
+
+/// A trial as JSON, as its schema: equally long arrays, one number for each sample.
+#[derive(Debug, Clone, JsonSchema)]
+#[schemars(rename = "NewTrial", deny_unknown_fields)]
+#[schemars(example = serde_json::json!({"sample_time_s": 0.02, "r": [0.0, 0.5, 1.0], "u": [0.0, 0.2, 0.4], "y": [0.0, 0.1, 0.3]}))]
+#[allow(dead_code, reason = "describes what the reader takes, which reads numbers one by one")]
+pub struct TrialDocument {
+    /// Time between samples in seconds; may be left out where there is `t`.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    sample_time_s: Option<f64>,
+    /// Time of each sample in seconds.
+    t: Option<Vec<f64>>,
+    /// Command, in the unit of the output.
+    r: Vec<f64>,
+    /// Control, in its own unit.
+    u: Vec<f64>,
+    /// Output, in its own unit.
+    y: Vec<f64>,
+    /// Disturbance at the plant's input, in the unit of the control.
+    d: Option<Vec<f64>>,
 }
 
 #[derive(Default)]

@@ -9,6 +9,7 @@ pub mod error;
 pub mod gzip;
 pub mod json;
 pub mod limits;
+pub mod pointer;
 pub mod sample_time;
 pub mod signals;
 pub mod write;

@@ -26,7 +26,7 @@ const FEWEST_FREEDOMS: f64 = 2.0;
 const REPEATS: f64 = 1e-3;
 
 /// Where the covariance of the noise comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NoiseSource {
     /// Residuals of whole trials.

@@ -12,11 +12,11 @@
 use super::stability::is_loop_stable;
 use crate::control::System;
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Degrees of a rational controller.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RationalLaw {
     /// Degree of the numerator.
@@ -29,7 +29,7 @@ pub struct RationalLaw {
 }
 
 /// The law of the feedback.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FeedbackLaw {
     /// Gain, lead, lag and delay.
@@ -39,7 +39,7 @@ pub enum FeedbackLaw {
 }
 
 /// The law of the feedforward.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FeedforwardLaw {
     /// There is none.
@@ -51,7 +51,7 @@ pub enum FeedforwardLaw {
 }
 
 /// A structure of the person.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Structure {
     /// Law of the feedback.

@@ -1,16 +1,18 @@
 //! Pools and trees on disk, for the next process.
 //!
-//! A folder of files, each named by the hash of what its content was made from, so that nothing has to be kept in step with anything:
+//! A folder of files, each named by the hash of what its content was made from, so that nothing has to be kept in step
+//! with anything:
 //!
 //! ```text
 //! magic (8 bytes)  format (4)  key (32)  content, little-endian  SHA-256 of all before (32)
 //! ```
-//! A file is written under another name, and renamed when it is whole; where two processes make the same one, the later takes the place
-//! of the earlier, and both are right. A file that is damaged, of another format or under another's name is not believed: it is
-//! passed over, made again and replaced. (A hash finds accidents, not malice: whoever may write here may write to the database.) Files that were not used for longest go first when the folder has grown to its limit. Without
-//! a folder that can be written to, everything works as it would without a cache.
+//! A file is written under another name, and renamed when it is whole; where two processes make the same one, the later
+//! takes the place of the earlier, and both are right. A file that is damaged, of another format or under another's
+//! name is not believed: it is passed over, made again and replaced. (A hash finds accidents, not malice: whoever may
+//! write here may write to the database.) Files that were not used for longest go first when the folder has grown to
+//! its limit. Without a folder that can be written to, everything works as it would without a cache.
 
-use crate::analysis::{Key, Reading, Shelf, Writing};
+use crate::cache::{ByteStore, Key, ReadBytes, WriteBytes};
 use sha2::{Digest, Sha256};
 use std::fs::{self, File};
 use std::io::{self, BufReader, BufWriter, Read, Write};
@@ -42,7 +44,7 @@ const TAG: &str = "CACHEDIR.TAG";
 const TAG_TEXT: &str = "Signature: 8a477f597d28d172789f06886806bc55\n\
     # Pools and trees that Volition makes again when they are gone. This folder may be deleted at any time.\n";
 
-/// A [`Shelf`] in a folder.
+/// A [`ByteStore`] in a folder.
 #[derive(Debug)]
 pub struct Folder {
     path: PathBuf,
@@ -69,7 +71,7 @@ impl Folder {
     }
 
     /// Writes the file; what it is called, and its bytes.
-    fn write(&self, key: &Key, write: &mut Writing<'_>) -> io::Result<(PathBuf, u64)> {
+    fn write(&self, key: &Key, write: &mut WriteBytes<'_>) -> io::Result<(PathBuf, u64)> {
         fs::create_dir_all(&self.path)?;
         let tag = self.path.join(TAG);
         if !tag.exists() {
@@ -84,8 +86,8 @@ impl Folder {
         Ok((path, bytes))
     }
 
-    /// Deletes the files that were not used for longest, until so many bytes more are within the limit. Not counted are the file that these
-    /// bytes are in and the one whose place it takes.
+    /// Deletes the files that were not used for longest, until so many bytes more are within the limit. Not counted are
+    /// the file that these bytes are in and the one whose place it takes.
     fn make_room(&self, bytes: u64, own: [&Path; 2]) -> io::Result<()> {
         let mut files = Vec::new();
         for entry in fs::read_dir(&self.path)? {
@@ -125,15 +127,16 @@ impl Folder {
     }
 }
 
-impl Shelf for Folder {
-    fn load(&self, key: &Key, read: &mut Reading<'_>) -> bool {
+impl ByteStore for Folder {
+    fn load(&self, key: &Key, read: &mut ReadBytes<'_>) -> bool {
         let begin = Instant::now();
         let path = self.file_of(key);
         let file = match File::open(&path) {
             Ok(file) => file,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return false,
             Err(error) => {
-                tracing::warn!(file = %path.display(), %error, "a file of the cache cannot be read; its content is made again");
+                tracing::warn!(file = %path.display(), %error, "a file of the cache cannot be read; its content is \
+                    made again");
                 return false;
             }
         };
@@ -141,27 +144,31 @@ impl Shelf for Folder {
             Ok(bytes) => {
                 // For whoever makes room. Where it cannot be noted, the file counts as older than it is.
                 let _ = file.set_modified(SystemTime::now());
-                tracing::info!(file = %path.display(), bytes, elapsed_s = begin.elapsed().as_secs_f64(), "read from the cache");
+                tracing::info!(file = %path.display(), bytes, elapsed_s = begin.elapsed().as_secs_f64(), "read from \
+                    the cache");
                 true
             }
             Err(error) if error.kind() == io::ErrorKind::Interrupted => false,
             Err(error) => {
-                tracing::warn!(file = %path.display(), %error, "a file of the cache is not to be believed; its content is made again");
+                tracing::warn!(file = %path.display(), %error, "a file of the cache is not to be believed; its content \
+                    is made again");
                 false
             }
         }
     }
 
-    fn save(&self, key: &Key, write: &mut Writing<'_>) {
+    fn save(&self, key: &Key, write: &mut WriteBytes<'_>) {
         let begin = Instant::now();
         match self.write(key, write) {
             Ok((path, bytes)) => {
-                tracing::info!(file = %path.display(), bytes, elapsed_s = begin.elapsed().as_secs_f64(), "kept in the cache");
+                tracing::info!(file = %path.display(), bytes, elapsed_s = begin.elapsed().as_secs_f64(), "kept in the \
+                    cache");
             }
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(error) => {
                 if !self.warned.swap(true, Ordering::Relaxed) {
-                    tracing::warn!(folder = %self.path.display(), %error, "nothing can be kept in the cache; going on without");
+                    tracing::warn!(folder = %self.path.display(), %error, "nothing can be kept in the cache; going on \
+                        without");
                 }
             }
         }
@@ -169,7 +176,7 @@ impl Shelf for Folder {
 }
 
 /// Writes a file, of at most so many bytes; how many it has.
-fn fill(file: &File, key: &Key, most: u64, write: &mut Writing<'_>) -> io::Result<u64> {
+fn fill(file: &File, key: &Key, most: u64, write: &mut WriteBytes<'_>) -> io::Result<u64> {
     let buffered = BufWriter::with_capacity(BUFFER, file);
     let mut to = Hashing { inner: buffered, hash: Sha256::new(), bytes: 0, most: most.saturating_sub(TAIL) };
     to.write_all(MAGIC)?;
@@ -183,7 +190,7 @@ fn fill(file: &File, key: &Key, most: u64, write: &mut Writing<'_>) -> io::Resul
 }
 
 /// Reads a file to its end; how many bytes it has.
-fn believe(file: &File, key: &Key, read: &mut Reading<'_>) -> io::Result<u64> {
+fn believe(file: &File, key: &Key, read: &mut ReadBytes<'_>) -> io::Result<u64> {
     let bad = |what: &str| Err(io::Error::new(io::ErrorKind::InvalidData, what));
     let bytes = file.metadata()?.len();
     let Some(content) = bytes.checked_sub(HEAD + TAIL) else { return bad("it is too short") };

@@ -11,8 +11,8 @@ use std::time::Instant;
 /// The stack of a compute thread. Divide and conquer over deep pools nests more frames than the usual 2 MiB like.
 const STACK_BYTES: usize = 8 << 20;
 
-/// How much lower than the server's the priority of background computations is. Enough for a request to be answered at once
-/// on a machine whose processors are all computing; on an otherwise idle machine it costs nothing.
+/// How much lower than the server's the priority of background computations is. Enough for a request to be answered at
+/// once on a machine whose processors are all computing; on an otherwise idle machine it costs nothing.
 const NICE: i32 = 5;
 
 /// What a computation cost.
@@ -44,8 +44,8 @@ pub enum ComputeError {
     NoThreads(String),
 }
 
-/// Runs a plan in the foreground, on a fresh pool of `threads` threads (0: one for each processor), and notes the times in the
-/// report's provenance. The caller's thread waits.
+/// Runs a plan in the foreground, on a fresh pool of `threads` threads (0: one for each processor), and notes the times
+/// in the report's provenance. The caller's thread waits.
 ///
 /// A panic does not pass: it is logged and becomes a [`Problem`] of code `internal`.
 pub fn run_plan(plan: &dyn Work, library: &Library, ctl: &Ctl, threads: usize) -> (Result<Report, Failure>, Timing) {

@@ -1,6 +1,7 @@
 //! What a worker runs. The seam at which tests put jobs of their own.
 
-use crate::analysis::{Failure, Library, Plan, Problem, References, Report, Request, Shared};
+use super::pool_memo::PoolMemo;
+use crate::analysis::{Failure, Library, Plan, Problem, References, Report, Request};
 use crate::ctl::Ctl;
 use std::sync::Arc;
 
@@ -35,38 +36,39 @@ impl Work for Plan {
     }
 }
 
-/// The analyses of [`crate::analysis`], with what they leave for each other.
+/// The analyses of [`crate::analysis`], with the candidate pools that they share.
 #[derive(Debug, Clone, Default)]
 pub struct Analyses {
-    shared: Arc<Shared>,
+    pools: Arc<PoolMemo>,
 }
 
 impl Analyses {
-    /// Over what they leave for each other: with a shelf in it, for the next process too.
+    /// Over the pools that they keep for each other: with a byte store, for the next process too.
     #[must_use]
-    pub fn new(shared: Arc<Shared>) -> Self {
-        Self { shared }
+    pub fn new(pools: Arc<PoolMemo>) -> Self {
+        Self { pools }
     }
 }
 
-/// A plan that finds what earlier ones have left.
-struct Sharing {
+/// A plan that finds the pools that earlier ones have left.
+struct WithPools {
     plan: Plan,
-    shared: Arc<Shared>,
+    pools: Arc<PoolMemo>,
 }
 
-impl Work for Sharing {
+impl Work for WithPools {
     fn references(&self) -> References {
         self.plan.references()
     }
 
     fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
-        self.plan.run(&Library { shared: Arc::clone(&self.shared), ..library.clone() }, ctl)
+        let pools = Arc::<PoolMemo>::clone(&self.pools);
+        self.plan.run(&Library { pools, ..library.clone() }, ctl)
     }
 }
 
 impl Execute for Analyses {
     fn plan(&self, request: &Request) -> Result<Box<dyn Work>, Problem> {
-        Ok(Box::new(Sharing { plan: Plan::parse(request)?, shared: Arc::clone(&self.shared) }))
+        Ok(Box::new(WithPools { plan: Plan::parse(request)?, pools: Arc::clone(&self.pools) }))
     }
 }

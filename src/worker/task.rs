@@ -69,7 +69,7 @@ impl Attendant {
                 biased;
                 outcome = &mut computing => outcome,
                 // Never ends on its own.
-                () = &mut keeping => Outcome::Stopped(StopReason::LeaseLost, None),
+                () = &mut keeping => Outcome::Stopped(StopReason::Withdrawn, None),
             }
         };
         let ended = self.write(&lease, outcome, &ctl).await;
@@ -177,7 +177,7 @@ impl Attendant {
             match held {
                 Ok(Held::Yes) => {}
                 Ok(Held::CancelRequested) => ctl.stop(StopReason::Cancelled),
-                Ok(Held::Lost) => ctl.stop(StopReason::LeaseLost),
+                Ok(Held::Lost) => ctl.stop(StopReason::Withdrawn),
                 // The computation goes on: if the lease does run out meanwhile, the fence keeps its outcome away.
                 Err(error) => {
                     tracing::warn!(analysis = %lease.analysis, %error, "no sign of life could be given; trying again");
@@ -196,7 +196,8 @@ impl Attendant {
                 Err(error) => error,
             };
             if begin.elapsed() > 2 * self.policy.lease() {
-                tracing::error!(analysis = %lease.analysis, %error, "the outcome could not be written; it will be computed again");
+                tracing::error!(analysis = %lease.analysis, %error, "the outcome could not be written; it will be \
+                    computed again");
                 return Ended::Unwritten;
             }
             tracing::warn!(analysis = %lease.analysis, %error, "the outcome could not be written; trying again");
@@ -226,7 +227,7 @@ impl Attendant {
                 .mend("Ask for a smaller pool, or raise the limit.");
                 self.store.fail(lease, &problem).await.map(finished)
             }
-            Outcome::Stopped(StopReason::LeaseLost, _) => Ok(Ended::Lost),
+            Outcome::Stopped(StopReason::Withdrawn, _) => Ok(Ended::Lost),
             Outcome::Stopped(StopReason::Shutdown, _) => {
                 let released = self.store.release(lease).await?;
                 Ok(if released { Ended::Released } else { Ended::Lost })

@@ -82,7 +82,8 @@ pub fn prbs(samples: usize) -> Vec<f64> {
     (0..samples).map(|k| chips[k / 5 % 63]).collect()
 }
 
-/// Whether an input keeps to every limit of the chapter, by sums written out here; the largest share of each limit that it uses.
+/// Whether an input keeps to every limit of the chapter, by sums written out here; the largest share of each limit that
+/// it uses.
 pub fn shares(case: &Case, u: &[f64]) -> [f64; 6] {
     let n = u.len();
     let direct = |response: &Response, most: f64| {

@@ -33,9 +33,9 @@ fn magnitude(decades: f64, stream: &mut impl Rng) -> f64 {
     10f64.powf(stream.random_range(-decades..=decades))
 }
 
-/// Stable plants with n ≤ 12 states and m ≤ n inputs, in continuous and sampled time, with Q over R over 12 decades, inputs over 3 and
-/// time constants over 3: K = LQR(Q0, R0) must be feasible, or on the boundary where the margin says so. Anything else is told to
-/// `complain`.
+/// Stable plants with n ≤ 12 states and m ≤ n inputs, in continuous and sampled time, with Q over R over 12 decades,
+/// inputs over 3 and time constants over 3: K = LQR(Q0, R0) must be feasible, or on the boundary where the margin says
+/// so. Anything else is told to `complain`.
 pub fn optimal(count: usize, seed: u64, mut complain: impl FnMut(String)) -> Tally {
     let mut stream = rng::stream(seed, "plants");
     let mut tally = Tally::default();
@@ -88,8 +88,8 @@ pub fn optimal(count: usize, seed: u64, mut complain: impl FnMut(String)) -> Tal
     tally
 }
 
-/// Random stabilising gains of single-input plants: feasible with R = 1 if and only if |1 + K(jωI − A)⁻¹B| ≥ 1 at every frequency
-/// (Kalman 1964). Where the least value is within 1e-6 of 1 either verdict is let pass.
+/// Random stabilising gains of single-input plants: feasible with R = 1 if and only if |1 + K(jωI − A)⁻¹B| ≥ 1 at every
+/// frequency (Kalman 1964). Where the least value is within 1e-6 of 1 either verdict is let pass.
 pub fn single_input(count: usize, seed: u64, mut complain: impl FnMut(String)) -> Tally {
     let mut stream = rng::stream(seed, "single input");
     let mut tally = Tally::default();

@@ -1,20 +1,21 @@
 //! The plant of a request: a model, the id of a stored one, or the mass and damping of a linear drive.
 
-use super::{problems, read};
+use super::problems;
 use crate::analysis::ids::PlantId;
-use crate::analysis::inputs::Library;
+use crate::analysis::inputs::library::Library;
+use crate::analysis::inputs::plant::{check_plant, parse_model};
 use crate::analysis::problem::{Code, Problem};
+use crate::analysis::reading::{read, wrong_inputs as wrong};
 use crate::analysis::report::sha256_json;
-use crate::analysis::ssid::problems::check_plant;
-use crate::analysis::trial_input::parse_model;
+use crate::control::model::TransferFunctionModel;
 use crate::control::{Discrete, Model};
 use crate::excite::path::{Discretisation, SampledPlant};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::ToSchema;
 
 /// `P(s) = 1/(m s² + c s)` from force to position: the linear drive of a manipulandum.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MassDamper {
     /// m, kg.
@@ -24,13 +25,17 @@ pub struct MassDamper {
 }
 
 /// A plant of a request.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[serde(untagged)]
 pub enum PlantInput {
     /// A linear drive.
+    #[schemars(title = "MassDamperPlant")]
     MassDamper(MassDamper),
     /// A model in the request.
+    #[schemars(title = "ModelPlant")]
     Model(Model),
-    /// A stored one.
+    /// The id of a stored plant.
+    #[schemars(title = "StoredPlant")]
     Stored(PlantId),
 }
 
@@ -41,11 +46,10 @@ impl PlantInput {
     /// A [`Problem`] with the JSON pointer of what is wrong.
     pub fn parse(value: &Value, at: &str) -> Result<Self, Problem> {
         if let Some(text) = value.as_str() {
-            return text.parse().map(Self::Stored).map_err(|_| {
-                Problem::new(Code::Invalid, "unusable inputs", format!("{text:?} is no id of a plant"))
-                    .at(at)
-                    .mend("Ids are UUIDs.")
-            });
+            return text
+                .parse()
+                .map(Self::Stored)
+                .map_err(|_| wrong(format!("{text:?} is no id of a plant"), at).mend("Ids are UUIDs."));
         }
         if value.get("mass_kg").is_some() || value.get("damping_ns_per_m").is_some() {
             let drive: MassDamper = read(value, at, "unusable plant")?;
@@ -65,17 +69,19 @@ impl PlantInput {
         if let Self::Stored(id) = self { Some(*id) } else { None }
     }
 
-    /// As in the request.
-    #[must_use]
-    pub fn to_value(&self) -> Value {
-        match self {
+    /// SHA-256 of its content: of a stored plant that of its model.
+    ///
+    /// # Errors
+    /// `not_found` for a stored plant that is gone.
+    pub fn sha256(&self, library: &Library, at: &str) -> Result<String, Problem> {
+        Ok(sha256_json(&match self {
             Self::MassDamper(drive) => json!(drive),
             Self::Model(model) => json!(model),
-            Self::Stored(id) => json!(id),
-        }
+            Self::Stored(id) => json!(library.plant(*id).map_err(|problem| problem.at(at))?),
+        }))
     }
 
-    /// The plant as signals of this sample time see it, with the hash of its content.
+    /// The plant as signals of this sample time see it.
     ///
     /// # Errors
     /// A [`Problem`] where it is gone, or cannot be sampled so.
@@ -85,28 +91,19 @@ impl PlantInput {
         how: Discretisation,
         time: Discrete,
         at: &str,
-    ) -> Result<(SampledPlant, String), Problem> {
+    ) -> Result<SampledPlant, Problem> {
         let model = match self {
-            Self::MassDamper(drive) => {
-                let plant = match how {
-                    Discretisation::ZeroOrderHold => {
-                        SampledPlant::mass_damper(drive.mass_kg, drive.damping_ns_per_m, time)
-                    }
-                    _ => {
-                        let model: Model = read(
-                            &json!({"num": [1.0], "den": [drive.mass_kg, drive.damping_ns_per_m, 0.0]}),
-                            at,
-                            "unusable plant",
-                        )?;
-                        SampledPlant::new(&check_plant(&model, at)?, how, time)
-                    }
-                };
-                return plant.map(|plant| (plant, sha256_json(&json!(drive)))).map_err(|e| problems::path(&e));
+            Self::MassDamper(MassDamper { mass_kg, damping_ns_per_m }) => {
+                if how == Discretisation::ZeroOrderHold {
+                    return SampledPlant::mass_damper(*mass_kg, *damping_ns_per_m, time)
+                        .map_err(|e| problems::path(&e));
+                }
+                let den = vec![*mass_kg, *damping_ns_per_m, 0.0];
+                &Model::TransferFunction(TransferFunctionModel { num: vec![1.0], den, sample_time_s: None })
             }
             Self::Model(model) => model,
             Self::Stored(id) => library.plant(*id).map_err(|problem| problem.at(at))?,
         };
-        let plant = SampledPlant::new(&check_plant(model, at)?, how, time).map_err(|e| problems::path(&e))?;
-        Ok((plant, sha256_json(&json!(model))))
+        SampledPlant::new(&check_plant(model, at)?, how, time).map_err(|e| problems::path(&e))
     }
 }

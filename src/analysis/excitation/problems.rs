@@ -1,6 +1,6 @@
 //! What keeps a question from an answer, as problems.
 
-use crate::analysis::plan::Failure;
+use crate::analysis::contract::Failure;
 use crate::analysis::problem::{Code, Problem};
 use crate::excite::compensator::DesignError;
 use crate::excite::flatness::BandError;
@@ -8,7 +8,7 @@ use crate::excite::path::PathError;
 use crate::excite::sequence::SequenceError;
 
 /// A sequence that cannot be made; `at` is where it is in the request.
-pub(super) fn sequence(error: &SequenceError, at: &str) -> Failure {
+pub(in crate::analysis) fn sequence(error: &SequenceError, at: &str) -> Failure {
     if let SequenceError::Stopped(stopped) = error {
         return (*stopped).into();
     }
@@ -32,7 +32,7 @@ pub(super) fn sequence(error: &SequenceError, at: &str) -> Failure {
 }
 
 /// A band that cannot be judged.
-pub(super) fn band(error: &BandError, at: &str) -> Problem {
+pub(in crate::analysis) fn band(error: &BandError, at: &str) -> Problem {
     let (code, title, mend) = match error {
         BandError::Empty { .. } => {
             (Code::Invalid, "empty band", "Give the upper end of the band in Hz, or [from, to] with from < to.")
@@ -48,7 +48,7 @@ pub(super) fn band(error: &BandError, at: &str) -> Problem {
 }
 
 /// A plant or a loop that carries nothing.
-pub(super) fn path(error: &PathError) -> Problem {
+pub(in crate::analysis) fn path(error: &PathError) -> Problem {
     let new = |code, title: &str, at: &str| Problem::new(code, title, error.to_string()).at(at);
     match error {
         PathError::SampleTime { part, .. } => {
@@ -72,7 +72,7 @@ pub(super) fn path(error: &PathError) -> Problem {
 }
 
 /// A design without an answer.
-pub(super) fn design(error: &DesignError) -> Failure {
+pub(in crate::analysis) fn design(error: &DesignError) -> Failure {
     match error {
         DesignError::Stopped(stopped) => (*stopped).into(),
         DesignError::NothingStable { .. } => Problem::new(Code::Invalid, "nothing stable", error.to_string())

@@ -1,13 +1,15 @@
 //! Whether the gains that were found are optimal for a cost, how surely, and for which.
 //!
-//! The estimate is drawn from its normal distribution (gains and parameters of the plant together), and each draw is put the question of
-//! `inverse_lqr`. The share of draws with weights is the probability that the gains are optimal at all, with the interval of Clopper and
-//! Pearson (1934); the weights of those draws, on the scale on which R has the mean eigenvalue 1, give the intervals of Q and R.
+//! The estimate is drawn from its normal distribution (gains and parameters of the plant together), and each draw is
+//! put the question of `inverse_lqr`. The share of draws with weights is the probability that the gains are optimal at
+//! all, with the interval of Clopper and Pearson (1934); the weights of those draws, on the scale on which R has the
+//! mean eigenvalue 1, give the intervals of Q and R.
 
 use super::spec::OptimalitySpec;
 use super::trajectory::shares_of;
-use crate::analysis::inverse::{self, SharesResult, rows};
-use crate::analysis::plan::Failure;
+use crate::analysis::contract::Failure;
+use crate::analysis::inputs::matrix::rows;
+use crate::analysis::inverse::shares::SharesResult;
 use crate::control::lyapunov::Clock;
 use crate::ctl::Ctl;
 use crate::inverse::fit::{FitSettings, fit};
@@ -18,14 +20,15 @@ use crate::num::rng;
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use rand_distr::StandardNormal;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Condition numbers of the nearest optimal gain.
 const CONDITIONS: [f64; 3] = [1e2, 1e4, 1e6];
 
 /// A weight with its interval.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainFitWeightInterval")]
 pub struct WeightInterval {
     /// Of the estimate itself; null where that has no cost.
     pub estimate: Option<Vec<Vec<f64>>>,
@@ -36,7 +39,8 @@ pub struct WeightInterval {
 }
 
 /// The nearest optimal gain, in the metric of the estimate's own covariance.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainFitNearestOptimal")]
 pub struct NearestOptimal {
     /// Q.
     pub q: Vec<Vec<f64>>,
@@ -46,23 +50,40 @@ pub struct NearestOptimal {
     pub k: Vec<Vec<f64>>,
     /// `(K̂ − K)ᵀ Cov⁻¹ (K̂ − K)`.
     pub distance_squared: f64,
-    /// Probability of a larger distance between an estimate and the true gain, by chi-square with as many degrees as K has entries: where it is
-    /// large, the data do not speak against an optimal gain.
+    /// Probability of a larger distance between an estimate and the true gain, by chi-square with as many degrees as K
+    /// has entries: where it is large, the data do not speak against an optimal gain.
     pub p_value: f64,
     /// The condition number that the weights were held to.
     pub condition_number: f64,
 }
 
+/// Whether a gain is optimal for a quadratic cost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainFitVerdict")]
+#[serde(rename_all = "snake_case")]
+pub enum OptimalityVerdict {
+    /// It is, for weights that exist.
+    Feasible,
+    /// It is not, for any weights.
+    Infeasible,
+    /// Working precision does not decide.
+    Boundary,
+    /// The question has no sense there, or found no answer.
+    None,
+}
+
 /// What the gains say about a cost.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainFitOptimality")]
 pub struct OptimalityResult {
-    /// Of the estimate itself: `feasible`, `infeasible`, `boundary`, or `none` with the reason.
-    pub verdict: String,
-    /// Why there is no verdict.
+    /// Of the estimate itself; `none` comes with its reason.
+    pub verdict: OptimalityVerdict,
+    /// Why there is no verdict; null where there is one.
     pub reason: Option<String>,
     /// `max t` as in `inverse_lqr`, scaled.
     pub t_star_scaled: Option<f64>,
-    /// Dimension of the space of weights that satisfy the equalities; above 1 the gain leaves the cost open, and the best conditioned is given.
+    /// Dimension of the space of weights that satisfy the equalities; above 1 the gain leaves the cost open, and the
+    /// best conditioned is given.
     pub unknowns: Option<usize>,
     /// Draws put the question.
     pub draws: usize,
@@ -70,7 +91,8 @@ pub struct OptimalityResult {
     pub feasible: usize,
     /// Draws for which working precision does not decide.
     pub undecided: usize,
-    /// Draws whose plant or loop leaves the question without sense (an unstable loop, an uncontrollable plant); they count as not optimal.
+    /// Draws whose plant or loop leaves the question without sense (an unstable loop, an uncontrollable plant); they
+    /// count as not optimal.
     pub senseless: usize,
     /// `feasible/draws`; null without draws.
     pub probability: Option<f64>,
@@ -82,9 +104,9 @@ pub struct OptimalityResult {
     pub r: Option<WeightInterval>,
     /// Where the estimate itself has no cost.
     pub nearest: Option<NearestOptimal>,
-    /// Shares of that cost (of the estimate, or else of the nearest optimal gain) along the trajectory of each trial, in the states of the plant and
-    /// the control that reaches it, as the fitted loop makes them: what the person paid for. Null along a trajectory that costs nothing; empty
-    /// where there is no cost.
+    /// Shares of that cost (of the estimate, or else of the nearest optimal gain) along the trajectory of each trial,
+    /// in the states of the plant and the control that reaches it, as the fitted loop makes them: what the person paid
+    /// for. Null along a trajectory that costs nothing; empty where there is no cost.
     pub trial_shares: Vec<Option<SharesResult>>,
     /// Along all trials together.
     pub trajectory_shares: Option<SharesResult>,
@@ -132,7 +154,7 @@ pub(super) fn binomial_interval(k: usize, n: usize, level: f64) -> [f64; 2] {
 /// Asks.
 pub(super) fn ask(question: &Question<'_>, spec: &OptimalitySpec, ctl: &Ctl) -> Result<OptimalityResult, Failure> {
     let mut result = OptimalityResult {
-        verdict: "none".to_owned(),
+        verdict: OptimalityVerdict::None,
         reason: None,
         t_star_scaled: None,
         unknowns: None,
@@ -152,8 +174,7 @@ pub(super) fn ask(question: &Question<'_>, spec: &OptimalitySpec, ctl: &Ctl) -> 
         result.reason = Some("the plant is not defined at the estimate".to_owned());
         return Ok(result);
     };
-    let settings =
-        Settings { structure: inverse::structure(&spec.inverse(), a.nrows(), b.ncols(), "/spec/optimality")? };
+    let settings = Settings { structure: spec.structure(a.nrows(), b.ncols())? };
     let gains = match Gains::regulator(&a, &b, &k, question.clock) {
         Ok(gains) => gains,
         Err(error) => {
@@ -164,7 +185,7 @@ pub(super) fn ask(question: &Question<'_>, spec: &OptimalitySpec, ctl: &Ctl) -> 
     let mut estimate = None;
     match inverse_lqr(&gains, &settings, ctl) {
         Ok(answer) => {
-            result.verdict = name(answer.verdict).to_owned();
+            result.verdict = answer.verdict.into();
             result.t_star_scaled = answer.t_star_scaled;
             result.unknowns = Some(answer.unknowns);
             estimate = answer.weights.filter(|_| accepted(answer.verdict, &settings)).map(|w| (w.q, w.r));
@@ -172,7 +193,7 @@ pub(super) fn ask(question: &Question<'_>, spec: &OptimalitySpec, ctl: &Ctl) -> 
         Err(InverseError::Stopped(stopped)) => return Err(stopped.into()),
         Err(error) => result.reason = Some(error.to_string()),
     }
-    if estimate.is_none() && result.verdict == "infeasible" {
+    if estimate.is_none() && result.verdict == OptimalityVerdict::Infeasible {
         result.nearest = nearest(&gains, &settings, question, ctl)?;
     }
     let read = |rows: &[Vec<f64>]| DMatrix::from_fn(rows.len(), rows.len(), |i, j| rows[i][j]);
@@ -186,11 +207,13 @@ pub(super) fn ask(question: &Question<'_>, spec: &OptimalitySpec, ctl: &Ctl) -> 
     Ok(result)
 }
 
-fn name(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Feasible => "feasible",
-        Verdict::Infeasible => "infeasible",
-        Verdict::Boundary => "boundary",
+impl From<Verdict> for OptimalityVerdict {
+    fn from(verdict: Verdict) -> Self {
+        match verdict {
+            Verdict::Feasible => Self::Feasible,
+            Verdict::Infeasible => Self::Infeasible,
+            Verdict::Boundary => Self::Boundary,
+        }
     }
 }
 

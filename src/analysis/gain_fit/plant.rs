@@ -1,33 +1,39 @@
-//! The plant of a fit: from the catalogue, or as matrices in the request.
+//! The plant of a fit as people write it: of the catalogue, or matrices in the request.
 
-use super::problems::wrong_input as wrong;
-use crate::analysis::inverse::matrix;
+use crate::analysis::inputs::matrix::read_rows;
 use crate::analysis::problem::Problem;
-use crate::control::{Model, conversion};
-use crate::num::dual::Real;
-use crate::person::state_feedback::{AffinePlant, Plant, PlantModel, Term};
-use crate::plants::seated_balance::{Drive, Output, Parameter, SeatedBalance, Structure, Values};
-use crate::plants::{ParametricPlant, SeatedBalance as Seated};
-use nalgebra::DMatrix;
+use crate::analysis::reading::wrong_inputs as wrong;
+use crate::plants::ParametricPlant;
+use crate::plants::seated_balance::{Drive, Output};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value, json};
+use serde_json::Value;
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// Entries of larger magnitude would overflow in products of a few matrices.
 pub(super) const LARGEST: f64 = 1e60;
-/// States at most.
-const MAX_STATES: usize = 64;
-/// Parameters of a plant at most.
-const MAX_PARAMETERS: usize = 40;
+
+/// The plant that the person controlled.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[serde(untagged)]
+pub enum GainFitPlant {
+    /// A plant of the catalogue.
+    #[schemars(title = "NamedPlant")]
+    Named(NamedPlant),
+    /// Matrices.
+    #[schemars(title = "MatrixPlant")]
+    Matrices(MatrixPlant),
+}
 
 /// A plant of the catalogue.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "GainFitNamedPlant")]
 pub struct NamedPlant {
     /// Its name: `seated_balance`.
     pub name: ParametricPlant,
-    /// Values that differ from the table's, by name. Free parameters are started there.
+    /// Values that differ from Table 5.1's, by name: stiffnesses in N m/rad, dampings in N m s/rad, masses in kg,
+    /// inertias in kg m², lengths in m. Free parameters are started there.
     #[serde(default)]
     pub values: BTreeMap<String, f64>,
     /// What moves the seat: `torque` (default) or `rotation`.
@@ -47,51 +53,53 @@ fn angles() -> Vec<Output> {
 }
 
 /// A parameter that a plant in the request is affine in.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "GainFitPlantParameter")]
 pub struct PlantParameter {
     /// Its name.
     pub name: String,
-    /// Its value where it is not fitted, and a start where it is.
+    /// Its value where it is not fitted, and a start where it is; in a unit of its own.
     pub nominal: f64,
-    /// What a unit of it adds to A. Default: nothing.
+    /// What a unit of it adds to A, n×n, in the unit of A per unit of the parameter. Default: nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub a: Option<Vec<Vec<f64>>>,
-    /// To B.
+    /// What a unit of it adds to B, n×m, in the unit of B per unit of the parameter. Default: nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub b: Option<Vec<Vec<f64>>>,
-    /// To C.
+    /// What a unit of it adds to C, p×n, in the unit of C per unit of the parameter. Default: nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub c: Option<Vec<Vec<f64>>>,
-    /// To D.
+    /// What a unit of it adds to D, p×m, in the unit of D per unit of the parameter. Default: nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub d: Option<Vec<Vec<f64>>>,
-    /// To E.
+    /// What a unit of it adds to E, n×q, in the unit of E per unit of the parameter. Default: nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub e: Option<Vec<Vec<f64>>>,
-    /// To F.
+    /// What a unit of it adds to F, p×q, in the unit of F per unit of the parameter. Default: nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub f: Option<Vec<Vec<f64>>>,
 }
 
 /// A plant as matrices, `x⁺ = Ax + Bu + Ew`, `y = Cx + Du + Fw`, with `u = −Kx`; w is what the experimenter does.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "GainFitMatrixPlant")]
 pub struct MatrixPlant {
-    /// A, n×n.
+    /// A, n×n: in the unit of `x⁺` per unit of the state, so 1/s of it in continuous time.
     pub a: Vec<Vec<f64>>,
-    /// B, n×m.
+    /// B, n×m: in the unit of `x⁺` per unit of the control.
     pub b: Vec<Vec<f64>>,
-    /// C, p×n. Default: the identity, all states measured.
+    /// C, p×n: in the unit of the output per unit of the state. Default: the identity, all states measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub c: Option<Vec<Vec<f64>>>,
-    /// D, p×m. Default: zero.
+    /// D, p×m: in the unit of the output per unit of the control. Default: zero.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub d: Option<Vec<Vec<f64>>>,
-    /// E, n×q. Default: B, an input that is added to the control.
+    /// E, n×q: in the unit of `x⁺` per unit of the input w. Default: B, an input that is added to the control.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub e: Option<Vec<Vec<f64>>>,
-    /// F, p×q. Default: zero; D where E is B.
+    /// F, p×q: in the unit of the output per unit of the input w. Default: zero; D where E is B.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub f: Option<Vec<Vec<f64>>>,
     /// Sample time in seconds; null in continuous time.
@@ -102,302 +110,25 @@ pub struct MatrixPlant {
     pub parameters: Vec<PlantParameter>,
 }
 
-/// A checked plant with its free parameters.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum KnownPlant {
-    Matrices(AffinePlant),
-    Seated(Seated),
-}
-
-impl PlantModel for KnownPlant {
-    fn names(&self) -> Vec<String> {
-        match self {
-            Self::Matrices(plant) => plant.names(),
-            Self::Seated(plant) => PlantModel::names(plant),
-        }
-    }
-
-    fn limits(&self) -> Vec<[f64; 2]> {
-        match self {
-            Self::Matrices(plant) => plant.limits(),
-            Self::Seated(plant) => PlantModel::limits(plant),
-        }
-    }
-
-    fn nominal(&self) -> Vec<f64> {
-        match self {
-            Self::Matrices(plant) => plant.nominal(),
-            Self::Seated(plant) => PlantModel::nominal(plant),
-        }
-    }
-
-    fn plant<S: Real>(&self, theta: &[S]) -> Plant<S> {
-        match self {
-            Self::Matrices(plant) => plant.plant(theta),
-            Self::Seated(plant) => PlantModel::plant(plant, theta),
-        }
-    }
-}
-
-/// A plant as written, before it is known which parameters are free.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum WrittenPlant {
-    Named(NamedPlant),
-    Matrices(MatrixPlant),
-    /// The transfer function that a stored trial was recorded on.
-    Stored(Model),
-}
-
-impl WrittenPlant {
-    pub(super) fn parse(value: &Value) -> Result<Self, Problem> {
+impl GainFitPlant {
+    /// Reads the member `plant` of the inputs.
+    pub(super) fn read(value: &Value) -> Result<Self, Problem> {
         const AT: &str = "/inputs/plant";
         let read = |error: serde_json::Error| {
             wrong(error.to_string(), AT).mend(
-                "Give {\"name\": \"seated_balance\", \"values\": {..}, \"drive\", \"outputs\"}, or {\"a\", \"b\", \"c\", \"d\", \"e\", \"f\", \
-                 \"sample_time_s\", \"parameters\"} with row-major nested arrays.",
+                "Give {\"name\": \"seated_balance\", \"values\": {..}, \"drive\", \"outputs\"}, or {\"a\", \"b\", \
+                 \"c\", \"d\", \"e\", \"f\", \"sample_time_s\", \"parameters\"} with row-major nested arrays.",
             )
         };
         if value.get("name").is_some() {
             return serde_json::from_value(value.clone()).map(Self::Named).map_err(read);
         }
         for name in ["a", "b", "c", "d", "e", "f"] {
-            // The matrices first, one by one, since the deserialiser does not say where it stopped.
+            // The matrices first, one by one, since the deserialiser does not say which row or entry is wrong.
             if let Some(rows) = value.get(name).filter(|rows| !rows.is_null()) {
-                matrix(rows, &name.to_uppercase(), &format!("{AT}/{name}"))?;
+                read_rows(rows, &name.to_uppercase(), &format!("{AT}/{name}"))?;
             }
         }
         serde_json::from_value(value.clone()).map(Self::Matrices).map_err(read)
     }
-
-    pub(super) fn to_value(&self) -> Value {
-        match self {
-            Self::Named(plant) => json!(plant),
-            Self::Matrices(plant) => json!(plant),
-            Self::Stored(model) => json!(model),
-        }
-    }
-
-    pub(super) fn sample_time_s(&self) -> Option<f64> {
-        match self {
-            Self::Named(_) => None,
-            Self::Matrices(plant) => plant.sample_time_s,
-            Self::Stored(model) => model.sample_time_s(),
-        }
-    }
-
-    /// The names of the states.
-    pub(super) fn state_names(&self, states: usize) -> Vec<String> {
-        match self {
-            Self::Named(_) => ["lower_angle", "lower_rate", "upper_angle", "upper_rate"].map(str::to_owned).to_vec(),
-            _ => (1..=states).map(|i| format!("x{i}")).collect(),
-        }
-    }
-
-    /// The units of the states and of the controls, where the catalogue knows them.
-    pub(super) fn units(&self) -> [Option<Vec<String>>; 2] {
-        let list = |units: &[&str]| Some(units.iter().map(|unit| (*unit).to_owned()).collect());
-        match self {
-            Self::Named(_) => [list(&["rad", "rad/s", "rad", "rad/s"]), list(&["N m"])],
-            _ => [None, None],
-        }
-    }
-
-    /// The plant with these free parameters; by default all that matrices are affine in, and none of the catalogue's.
-    pub(super) fn check(&self, free: Option<&[String]>) -> Result<KnownPlant, Problem> {
-        match self {
-            Self::Named(plant) => named(plant, free.unwrap_or_default()).map(KnownPlant::Seated),
-            Self::Matrices(plant) => matrices(plant, free).map(KnownPlant::Matrices),
-            Self::Stored(model) => stored(model, free.unwrap_or_default()).map(KnownPlant::Matrices),
-        }
-    }
-}
-
-fn unknown(name: &str, known: &[String], at: String) -> Problem {
-    let mend = if known.is_empty() {
-        "The plant has no parameters to fit.".to_owned()
-    } else {
-        format!("It has: {}.", known.join(", "))
-    };
-    wrong(format!("the plant has no parameter {name:?}"), at).mend(mend)
-}
-
-fn named(plant: &NamedPlant, free: &[String]) -> Result<SeatedBalance, Problem> {
-    // Gains, delay and lag belong to the person, not to the plant.
-    let of_plant =
-        |p: &Parameter| !Parameter::GAINS.contains(p) && !matches!(p, Parameter::Delay | Parameter::MuscleLag);
-    let names: Vec<String> = Parameter::ALL.iter().filter(|p| of_plant(p)).map(|p| p.name().to_owned()).collect();
-    let known =
-        |name: &str, at: String| Parameter::by_name(name).filter(of_plant).ok_or_else(|| unknown(name, &names, at));
-    let mut values = Values::table_5_1();
-    for (name, value) in &plant.values {
-        let at = format!("/inputs/plant/values/{name}");
-        values = values.with(known(name, at)?, *value);
-    }
-    let mut parameters = Vec::new();
-    for (i, name) in free.iter().enumerate() {
-        parameters.push(known(name, format!("/spec/free/{i}"))?);
-    }
-    let structure = Structure { drive: plant.drive, delay_order: 0, muscle_lag: false, outputs: plant.outputs.clone() };
-    SeatedBalance::new(structure, values, parameters).map_err(|error| wrong(error.to_string(), "/inputs/plant"))
-}
-
-/// A matrix of the request, its size checked.
-fn sized(
-    rows: Option<&Vec<Vec<f64>>>,
-    letter: &str,
-    shape: (usize, usize),
-    at: &str,
-) -> Result<Option<DMatrix<f64>>, Problem> {
-    let Some(rows) = rows else { return Ok(None) };
-    let found = matrix(&json!(rows), letter, at)?;
-    if found.shape() != shape {
-        let (rows, columns) = found.shape();
-        return Err(wrong(format!("{letter} is {rows}x{columns} and must be {}x{}", shape.0, shape.1), at));
-    }
-    for (index, value) in found.iter().enumerate() {
-        if value.is_nan() || value.abs() > LARGEST {
-            let (i, j) = (index % shape.0, index / shape.0);
-            return Err(wrong(
-                format!(
-                    "{letter} has the entry {value:e} at row {i}, column {j} (counted from 0); magnitudes up to {LARGEST:e} are taken"
-                ),
-                format!("{at}/{i}/{j}"),
-            )
-            .mend("Choose units in which the numbers are of moderate size."));
-        }
-    }
-    Ok(Some(found))
-}
-
-fn matrices(plant: &MatrixPlant, free: Option<&[String]>) -> Result<AffinePlant, Problem> {
-    let at = |name: &str| format!("/inputs/plant/{name}");
-    let n = plant.a.len();
-    if n == 0 {
-        return Err(wrong("A has no rows: there must be at least one state", at("a")));
-    }
-    if n > MAX_STATES {
-        return Err(wrong(format!("A has {n} rows; at most {MAX_STATES} states are taken"), at("a")));
-    }
-    let width = |rows: &[Vec<f64>]| rows.first().map_or(0, Vec::len);
-    let columns = width(&plant.a);
-    if columns != n {
-        return Err(wrong(format!("A is {n}x{columns} and must be square"), at("a")));
-    }
-    let m = width(&plant.b);
-    let p = plant.c.as_ref().map_or(n, Vec::len);
-    let q = plant.e.as_ref().map_or(m, |rows| width(rows));
-    for (letter, count, port) in [("B", m, "control"), ("C", p, "output"), ("E", q, "input")] {
-        if count == 0 {
-            let detail = format!("{letter} is empty: there must be at least one {port}");
-            return Err(wrong(detail, at(&letter.to_lowercase())));
-        }
-    }
-    let read =
-        |rows: Option<&Vec<Vec<f64>>>, letter: &str, shape| sized(rows, letter, shape, &at(&letter.to_lowercase()));
-    let a = read(Some(&plant.a), "A", (n, n))?.unwrap_or_default();
-    let b = read(Some(&plant.b), "B", (n, m))?.unwrap_or_default();
-    let c = read(plant.c.as_ref(), "C", (p, n))?.unwrap_or_else(|| DMatrix::identity(p, n));
-    let d = read(plant.d.as_ref(), "D", (p, m))?.unwrap_or_else(|| DMatrix::zeros(p, m));
-    let e = read(plant.e.as_ref(), "E", (n, q))?;
-    let f = match read(plant.f.as_ref(), "F", (p, q))? {
-        Some(f) => f,
-        None if e.is_none() => d.clone(),
-        None => DMatrix::zeros(p, q),
-    };
-    let follows = e.is_none();
-    let e = e.unwrap_or_else(|| b.clone());
-    if let Some(period) = plant.sample_time_s
-        && !(period > 0.0 && period.is_finite())
-    {
-        return Err(wrong(format!("the sample time is {period} s, and must be positive"), at("sample_time_s")));
-    }
-    if plant.parameters.len() > MAX_PARAMETERS {
-        let detail = format!("there are {} parameters; at most {MAX_PARAMETERS} are taken", plant.parameters.len());
-        return Err(wrong(detail, at("parameters")));
-    }
-    let mut base = Plant { a, b, e, c, d, f, initial: vec![0.0; n] };
-    let names: Vec<String> = plant.parameters.iter().map(|p| p.name.clone()).collect();
-    if let Some((i, name)) = free.unwrap_or_default().iter().enumerate().find(|(_, name)| !names.contains(name)) {
-        return Err(unknown(name, &names, format!("/spec/free/{i}")));
-    }
-    let mut terms = Vec::new();
-    for (i, parameter) in plant.parameters.iter().enumerate() {
-        let place = |name: &str| format!("/inputs/plant/parameters/{i}/{name}");
-        if names[..i].contains(&parameter.name) || parameter.name.is_empty() {
-            return Err(wrong(format!("the name {:?} is empty, or taken already", parameter.name), place("name")));
-        }
-        if parameter.nominal.is_nan() || parameter.nominal.abs() > LARGEST {
-            return Err(wrong(format!("the nominal value is {:e}", parameter.nominal), place("nominal")));
-        }
-        let read = |rows: Option<&Vec<Vec<f64>>>, letter: &str, shape: (usize, usize)| {
-            sized(rows, letter, shape, &place(&letter.to_lowercase()))
-        };
-        let zeros = |shape: (usize, usize)| DMatrix::zeros(shape.0, shape.1);
-        let b = read(parameter.b.as_ref(), "B", (n, m))?.unwrap_or_else(|| zeros((n, m)));
-        let d = read(parameter.d.as_ref(), "D", (p, m))?.unwrap_or_else(|| zeros((p, m)));
-        // An input that is added to the control moves with it.
-        let e =
-            read(parameter.e.as_ref(), "E", (n, q))?.unwrap_or_else(|| if follows { b.clone() } else { zeros((n, q)) });
-        let f =
-            read(parameter.f.as_ref(), "F", (p, q))?.unwrap_or_else(|| if follows { d.clone() } else { zeros((p, q)) });
-        let slope = Plant {
-            a: read(parameter.a.as_ref(), "A", (n, n))?.unwrap_or_else(|| zeros((n, n))),
-            c: read(parameter.c.as_ref(), "C", (p, n))?.unwrap_or_else(|| zeros((p, n))),
-            b,
-            d,
-            e,
-            f,
-            initial: Vec::new(),
-        };
-        let is_free = free.is_none_or(|free| free.contains(&parameter.name));
-        if is_free {
-            terms.push(Term { name: parameter.name.clone(), nominal: parameter.nominal, slope });
-        } else {
-            let value = parameter.nominal;
-            base.a += slope.a * value;
-            base.b += slope.b * value;
-            base.e += slope.e * value;
-            base.c += slope.c * value;
-            base.d += slope.d * value;
-            base.f += slope.f * value;
-        }
-    }
-    Ok(AffinePlant { base, terms })
-}
-
-/// The plant that a trial was recorded on, in the states of its canonical form.
-fn stored(model: &Model, free: &[String]) -> Result<AffinePlant, Problem> {
-    if let Some(name) = free.first() {
-        return Err(unknown(name, &[], "/spec/free/0".to_owned()));
-    }
-    let unusable = |error: String| wrong(format!("the plant of the trial cannot be used: {error}"), "/inputs/trials");
-    let [a, b, c, d] = match model {
-        Model::StateSpace(written) => [&written.a, &written.b, &written.c, &written.d]
-            .map(|rows| DMatrix::from_fn(rows.len(), rows.first().map_or(0, Vec::len), |i, j| rows[i][j])),
-        Model::TransferFunction(_) => {
-            let system = model.check().map_err(|error| unusable(error.to_string()))?;
-            let parts = |a: &DMatrix<f64>, b: &DMatrix<f64>, c: &DMatrix<f64>, d: &DMatrix<f64>| {
-                [a.clone(), b.clone(), c.clone(), d.clone()]
-            };
-            match system {
-                crate::control::System::Continuous(tf) => conversion::to_state_space(&tf)
-                    .map(|ss| ss.balanced())
-                    .map(|ss| parts(ss.a(), ss.b(), ss.c(), ss.d())),
-                crate::control::System::Discrete(tf) => conversion::to_state_space(&tf)
-                    .map(|ss| ss.balanced())
-                    .map(|ss| parts(ss.a(), ss.b(), ss.c(), ss.d())),
-            }
-            .map_err(|error| unusable(error.to_string()))?
-        }
-    };
-    if a.nrows() == 0 {
-        return Err(unusable("it has no states".to_owned()));
-    }
-    let initial = vec![0.0; a.nrows()];
-    Ok(AffinePlant { base: Plant { e: b.clone(), f: d.clone(), a, b, c, d, initial }, terms: Vec::new() })
-}
-
-/// The members of an object that are not known.
-pub(super) fn stray<'a>(members: &'a Map<String, Value>, known: &[&str]) -> Option<&'a String> {
-    members.keys().find(|name| !known.contains(&name.as_str()))
 }

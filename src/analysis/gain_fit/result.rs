@@ -1,11 +1,23 @@
 //! The result of a fit.
 
 use super::optimality::OptimalityResult;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+
+/// Which of its bounds a parameter is held by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainFitBoundSide")]
+#[serde(rename_all = "snake_case")]
+pub enum BoundSide {
+    /// The lower one.
+    Lower,
+    /// The upper one.
+    Upper,
+}
 
 /// A parameter of the fit.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainFitParameter")]
 pub struct FittedParameterResult {
     /// Its name.
     pub name: String,
@@ -17,18 +29,21 @@ pub struct FittedParameterResult {
     pub interval: Option<[f64; 2]>,
     /// The bounds that it was held to; null where there is none.
     pub bounds: [Option<f64>; 2],
-    /// `lower` or `upper` where it is at a bound.
-    pub at_bound: Option<String>,
+    /// The bound that it is at; null where it is at none.
+    pub at_bound: Option<BoundSide>,
 }
 
 /// What shows that the search has arrived.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainFitConvergence")]
 pub struct FitConvergenceResult {
     /// Whether the projected gradient is zero to its tolerance: the remaining step is below 0.01 standard errors.
     pub converged: bool,
-    /// The projected gradient: largest cosine between the residuals and their derivative with respect to a parameter that no bound holds.
+    /// The projected gradient: largest cosine between the residuals and their derivative with respect to a parameter
+    /// that no bound holds.
     pub gradient_cosine: f64,
-    /// The largest step that Newton's method would still take, in standard errors; null where the data do not determine all parameters.
+    /// The largest step that Newton's method would still take, in standard errors; null where the data do not determine
+    /// all parameters.
     pub remaining_step: Option<f64>,
     /// Whether the gradient pushes every parameter at a bound against it.
     pub bounds_hold: bool,
@@ -47,7 +62,8 @@ pub struct FitConvergenceResult {
 }
 
 /// An output, and how well it is explained.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainFitOutput")]
 pub struct FittedOutputResult {
     /// Standard deviation of the noise.
     pub noise_sd: f64,
@@ -62,7 +78,8 @@ pub struct FittedOutputResult {
 }
 
 /// What the data determine worst.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainFitIdentifiability")]
 pub struct GainIdentifiabilityResult {
     /// Whether all parameters are determined.
     pub identifiable: bool,
@@ -73,7 +90,8 @@ pub struct GainIdentifiabilityResult {
 }
 
 /// What `inverse_lqr` takes, at the estimate.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainFitInverseLqrInputs")]
 pub struct InverseInputsResult {
     /// A.
     pub a: Vec<Vec<f64>>,
@@ -94,7 +112,8 @@ pub struct InverseInputsResult {
 }
 
 /// What `inverse_lqg` takes, at the estimate; all in sampled time.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainFitInverseLqgInputs")]
 pub struct InverseLqgInputsResult {
     /// A.
     pub a: Vec<Vec<f64>>,
@@ -115,7 +134,7 @@ pub struct InverseLqgInputsResult {
 }
 
 /// The result of `gain_fit`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GainFitResult {
     /// K, m×n.
     pub k: Vec<Vec<f64>>,

@@ -1,13 +1,17 @@
 //! How it is fitted: as written, and checked.
 
-use super::problems::wrong_spec as wrong;
-use crate::analysis::inverse::{InverseSpec, PortWeight, StateWeight, WeightName, matrix};
+use crate::analysis::contract::Part;
+use crate::analysis::inputs::matrix::dense;
+use crate::analysis::inverse::structure_spec::{PortWeight, StateWeight, WeightName, structure};
 use crate::analysis::problem::Problem;
+use crate::analysis::reading::{self, wrong_spec as wrong};
+use crate::inverse::Structure;
 use crate::likelihood::Noise;
+use crate::trial::pointer;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value, json};
+use serde_json::Value;
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// Orders of the Padé approximation at most.
 const MAX_ORDER: usize = 10;
@@ -16,7 +20,7 @@ const MAX_DRAWS: usize = 10_000;
 const MAX_CLIMBS: usize = 100;
 
 /// What is estimated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GainFitWanted {
     /// K of `u = −Kx`, from responses of the closed loop.
@@ -26,21 +30,25 @@ pub enum GainFitWanted {
 }
 
 /// What is known of the covariance of the noise.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
+#[schemars(rename = "GainFitNoise")]
 pub enum NoiseSpec {
     /// `full` (any covariance), `diagonal` (independent outputs) or `scalar` (one variance).
+    #[schemars(title = "Form")]
     Name(NoiseName),
     /// The covariance itself.
+    #[schemars(title = "Covariance")]
     Known {
-        /// Rows, p×p, positive definite.
+        /// Rows, p×p, positive definite, in products of the units of the outputs.
         covariance: Vec<Vec<f64>>,
     },
 }
 
 /// A form of the covariance.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "GainFitNoiseName")]
 pub enum NoiseName {
     /// Any covariance.
     Full,
@@ -51,8 +59,9 @@ pub enum NoiseName {
 }
 
 /// What the trials start from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "GainFitInitialState")]
 pub enum InitialState {
     /// At rest.
     Rest,
@@ -63,13 +72,14 @@ pub enum InitialState {
 }
 
 /// A delay between state and control, as a Padé approximation.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "GainFitDelay")]
 pub struct PersonDelaySpec {
-    /// Order of the approximation. Default: 5.
+    /// Order of the approximation, 1 to 10. Default: 5.
     #[serde(default = "five")]
     pub order: usize,
-    /// The delay where it is known; null for a parameter `tau` of the fit. Default: null.
+    /// The delay in seconds where it is known; null for a parameter `tau` of the fit. Default: null.
     #[serde(default)]
     pub seconds: Option<f64>,
 }
@@ -79,17 +89,19 @@ fn five() -> usize {
 }
 
 /// A first-order lag of the muscle.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "GainFitLag")]
 pub struct PersonLagSpec {
-    /// The time constant where it is known; null for a parameter `t_w` of the fit. Default: null.
+    /// The time constant in seconds where it is known; null for a parameter `t_w` of the fit. Default: null.
     #[serde(default)]
     pub seconds: Option<f64>,
 }
 
 /// The question put to the gains that were found: for which cost are they optimal?
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(rename = "GainFitOptimalityQuestion")]
 pub struct OptimalitySpec {
     /// Q: `"full"`, `"diagonal"` or `{"pattern": [[true, ..], ..]}`. Default: full.
     pub state_weight: StateWeight,
@@ -113,19 +125,14 @@ impl Default for OptimalitySpec {
 }
 
 impl OptimalitySpec {
-    /// As the spec of `inverse_lqr`.
-    pub(super) fn inverse(&self) -> InverseSpec {
-        InverseSpec {
-            state_weight: self.state_weight.clone(),
-            port_weight: self.port_weight.clone(),
-            semidefinite: self.semidefinite,
-            fit: None,
-        }
+    /// What is known of the weights of n states and m controls.
+    pub(super) fn structure(&self, n: usize, m: usize) -> Result<Structure, Problem> {
+        structure(&self.state_weight, &self.port_weight, self.semidefinite, [n, m], "/spec/optimality")
     }
 }
 
 /// The spec of `gain_fit`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct GainFitSpec {
     /// `gain` (default) or `gain_and_filter`.
@@ -137,9 +144,10 @@ pub struct GainFitSpec {
     /// Parameters of the plant that are fitted. Default: all of a plant in the request, none of the catalogue's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub free: Option<Vec<String>>,
-    /// `[lower, upper]` by the name of a parameter. Default: none, and 1 ms to 1 s for `tau` and `t_w`.
+    /// `[lower, upper]` by the name of a parameter, in its unit; null for no bound. Default: none, and 1 ms to 1 s for
+    /// `tau` and `t_w`.
     pub bounds: BTreeMap<String, [Option<f64>; 2]>,
-    /// A start beside the drawn ones, with a value for every parameter. Default: none.
+    /// A start beside the drawn ones, with a value for every parameter in its unit. Default: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start: Option<BTreeMap<String, f64>>,
     /// `full` (default), `diagonal`, `scalar` or `{"covariance": [[..]]}`.
@@ -147,11 +155,11 @@ pub struct GainFitSpec {
     /// `rest`, `given` or `estimated`. Default: given where the trials have it, otherwise estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub initial_state: Option<InitialState>,
-    /// The level of the intervals. Default: 0.95.
+    /// The level of the intervals, above 0 and below 1. Default: 0.95.
     pub confidence: f64,
-    /// Points drawn as starts. Default: 60.
+    /// Points drawn as starts, 1 to 10,000. Default: 60.
     pub draws: usize,
-    /// How many of them, the likeliest, are climbed from. Default: 6.
+    /// How many of them, the likeliest, are climbed from, 1 to 100. Default: 6.
     pub climbs: usize,
     /// The seed of all draws. Default: 1.
     pub seed: u64,
@@ -179,35 +187,33 @@ impl Default for GainFitSpec {
     }
 }
 
-impl GainFitSpec {
-    /// Checks the `spec` of a request, as far as the plant does not matter.
-    pub(super) fn parse(spec: &Value) -> Result<Self, Problem> {
-        let Value::Object(members) = spec else {
-            return Err(wrong("the spec is no object", "/spec"));
-        };
-        // One at a time first, since the deserialiser does not say where it stopped.
-        for (name, value) in members {
-            let alone = Value::Object(Map::from_iter([(name.clone(), value.clone())]));
-            if let Err(error) = serde_json::from_value::<Self>(alone) {
-                return Err(wrong(error.to_string(), format!("/spec/{name}")));
-            }
+impl Part for GainFitSpec {
+    fn read(value: &Value, at: &str) -> Result<Self, Problem> {
+        if !value.is_object() {
+            return Err(wrong("the spec is no object", at));
         }
-        let written: Self = serde_json::from_value(spec.clone()).map_err(|error| wrong(error.to_string(), "/spec"))?;
-        if !(written.confidence > 0.0 && written.confidence < 1.0) {
+        reading::read(value, at, "unusable spec")
+    }
+}
+
+impl GainFitSpec {
+    /// Checks it, as far as the plant does not matter.
+    pub(super) fn check(&self) -> Result<(), Problem> {
+        if !(self.confidence > 0.0 && self.confidence < 1.0) {
             return Err(wrong(
-                format!("the level is {}, and must lie between 0 and 1", written.confidence),
+                format!("the level is {}, and must lie between 0 and 1", self.confidence),
                 "/spec/confidence",
             ));
         }
-        for (name, value, most) in [("draws", written.draws, MAX_DRAWS), ("climbs", written.climbs, MAX_CLIMBS)] {
+        for (name, value, most) in [("draws", self.draws, MAX_DRAWS), ("climbs", self.climbs, MAX_CLIMBS)] {
             if !(1..=most).contains(&value) {
                 return Err(wrong(format!("{name} is {value}; 1 to {most} are taken"), format!("/spec/{name}")));
             }
         }
-        if let Some(draws) = written.optimality.as_ref().map(|o| o.draws).filter(|draws| *draws > MAX_DRAWS) {
+        if let Some(draws) = self.optimality.as_ref().map(|o| o.draws).filter(|draws| *draws > MAX_DRAWS) {
             return Err(wrong(format!("draws is {draws}; at most {MAX_DRAWS} are taken"), "/spec/optimality/draws"));
         }
-        if let Some(delay) = &written.delay {
+        if let Some(delay) = &self.delay {
             if !(1..=MAX_ORDER).contains(&delay.order) {
                 return Err(wrong(
                     format!("the order is {}; 1 to {MAX_ORDER} are taken", delay.order),
@@ -216,11 +222,11 @@ impl GainFitSpec {
             }
             positive(delay.seconds, "/spec/delay/seconds")?;
         }
-        if let Some(lag) = &written.muscle_lag {
+        if let Some(lag) = &self.muscle_lag {
             positive(lag.seconds, "/spec/muscle_lag/seconds")?;
         }
-        if written.estimate == GainFitWanted::GainAndFilter {
-            for (name, is_given) in [("delay", written.delay.is_some()), ("muscle_lag", written.muscle_lag.is_some())] {
+        if self.estimate == GainFitWanted::GainAndFilter {
+            for (name, is_given) in [("delay", self.delay.is_some()), ("muscle_lag", self.muscle_lag.is_some())] {
                 if is_given {
                     return Err(wrong(
                         "gain and filter together are those of a controller without delay and lag",
@@ -230,22 +236,22 @@ impl GainFitSpec {
                 }
             }
         }
-        for (name, [lower, upper]) in &written.bounds {
+        for (name, [lower, upper]) in &self.bounds {
             let [low, high] = [lower.unwrap_or(f64::NEG_INFINITY), upper.unwrap_or(f64::INFINITY)];
             let is_range = low < high;
             if !is_range {
                 return Err(wrong(
                     format!("the bounds {low} and {high} of {name} cross"),
-                    format!("/spec/bounds/{name}"),
+                    pointer::member("/spec/bounds", name),
                 ));
             }
         }
-        if let Some(free) = &written.free
+        if let Some(free) = &self.free
             && let Some(i) = (0..free.len()).find(|i| free[..*i].contains(&free[*i]))
         {
             return Err(wrong(format!("{:?} is named twice", free[i]), format!("/spec/free/{i}")));
         }
-        Ok(written)
+        Ok(())
     }
 
     /// The noise, for so many outputs.
@@ -256,7 +262,7 @@ impl GainFitSpec {
             NoiseSpec::Name(NoiseName::Scalar) => Noise::Scalar,
             NoiseSpec::Known { covariance } => {
                 const AT: &str = "/spec/noise/covariance";
-                let found = matrix(&json!(covariance), "the covariance", AT)?;
+                let found = dense(covariance, "the covariance", AT)?;
                 if found.shape() != (outputs, outputs) {
                     let (rows, columns) = found.shape();
                     return Err(wrong(
@@ -276,7 +282,7 @@ impl GainFitSpec {
     /// The bounds of parameters with these names and limits.
     pub(super) fn bounds(&self, names: &[String], limits: &[[f64; 2]]) -> Result<Vec<[f64; 2]>, Problem> {
         if let Some(name) = self.bounds.keys().find(|name| !names.contains(name)) {
-            return Err(wrong(format!("there is no parameter {name:?}"), format!("/spec/bounds/{name}"))
+            return Err(wrong(format!("there is no parameter {name:?}"), pointer::member("/spec/bounds", name))
                 .mend(format!("The parameters are {}.", names.join(", "))));
         }
         let one = |(name, [least, most]): (&String, &[f64; 2])| {
@@ -292,9 +298,10 @@ impl GainFitSpec {
             } else {
                 Err(wrong(
                     format!(
-                        "the bounds {lower} and {upper} of {name} leave nothing of {least} to {most}, where the model is defined"
+                        "the bounds {lower} and {upper} of {name} leave nothing of {least} to {most}, where the model \
+                         is defined"
                     ),
-                    format!("/spec/bounds/{name}"),
+                    pointer::member("/spec/bounds", name),
                 ))
             }
         };
@@ -305,12 +312,12 @@ impl GainFitSpec {
     pub(super) fn start(&self, names: &[String], bounds: &[[f64; 2]]) -> Result<Option<Vec<f64>>, Problem> {
         let Some(start) = &self.start else { return Ok(None) };
         if let Some(name) = start.keys().find(|name| !names.contains(name)) {
-            return Err(wrong(format!("there is no parameter {name:?}"), format!("/spec/start/{name}"))
+            return Err(wrong(format!("there is no parameter {name:?}"), pointer::member("/spec/start", name))
                 .mend(format!("The parameters are {}.", names.join(", "))));
         }
         let mut values = Vec::new();
         for (name, [lower, upper]) in names.iter().zip(bounds) {
-            let at = format!("/spec/start/{name}");
+            let at = pointer::member("/spec/start", name);
             let value = *start.get(name).ok_or_else(|| wrong(format!("the start has no {name}"), at.clone()))?;
             if !(lower..=upper).contains(&&value) {
                 return Err(wrong(

@@ -1,8 +1,9 @@
-//! The trials' own trajectories in the states of the plant, as the fitted loop makes them: what the cost is shared out along.
+//! The trials' own trajectories in the states of the plant, as the fitted loop makes them: what the cost is shared out
+//! along.
 
-use super::spec::GainFitWanted;
-use super::{Loop, Plan};
-use crate::analysis::inverse::{SharesResult, shares};
+use super::assembly::Loop;
+use super::spec::GainFitSpec;
+use crate::analysis::inverse::shares::{SharesResult, shares};
 use crate::control::parametric::{Matrices, Realisation};
 use crate::control::{Continuous, Discrete, StateSpace};
 use crate::inverse::reading;
@@ -16,12 +17,12 @@ pub(super) struct Observed {
     states: usize,
 }
 
-impl Plan {
-    /// The loop at θ; `None` where it is not defined. Behind a delay or a muscle the control is what reaches the plant. Where the filter is
-    /// estimated too, the states are the person's estimates, and the control is −K times these.
-    pub(super) fn observed(&self, assembled: &Loop, theta: &[f64]) -> Option<Observed> {
+impl Observed {
+    /// The loop at θ; `None` where it is not defined. Behind a delay or a muscle the control is what reaches the plant.
+    /// Where the filter is estimated too, the states are the person's estimates, and the control is −K times these.
+    pub(super) fn new(spec: &GainFitSpec, assembled: &Loop, theta: &[f64]) -> Option<Self> {
         let [n, m, ..] = assembled.sizes;
-        if self.spec.estimate == GainFitWanted::GainAndFilter {
+        if assembled.both {
             let found = assembled.model.sampled(theta, assembled.time, false)?.value;
             let k = DMatrix::from_row_slice(m, n, &theta[..n * m]);
             let mut c = DMatrix::zeros(n + m, n);
@@ -29,16 +30,16 @@ impl Plan {
             c.view_mut((n, 0), (m, n)).copy_from(&-k);
             let d = DMatrix::zeros(n + m, found.model.inputs());
             let model = StateSpace::new(found.model.a().clone(), found.model.b().clone(), c, d, assembled.time).ok()?;
-            return Some(Observed { model: Realisation { model, initial: found.initial }, states: n });
+            return Some(Self { model: Realisation { model, initial: found.initial }, states: n });
         }
         let count = assembled.plant.names().len();
         let mut timings = theta.get(n * m + count..)?.iter().copied();
         let mut timing = |known: Option<f64>| known.or_else(|| timings.next());
-        let delay = match &self.spec.delay {
+        let delay = match &spec.delay {
             None => None,
             Some(delay) => Some((delay.order, timing(delay.seconds)?)),
         };
-        let lag = match &self.spec.muscle_lag {
+        let lag = match &spec.muscle_lag {
             None => None,
             Some(lag) => Some(timing(lag.seconds)?),
         };
@@ -57,13 +58,16 @@ impl Plan {
         } else {
             Realisation { model: StateSpace::new(a, b, c, d, assembled.time).ok()?, initial }
         };
-        Some(Observed { model, states: n })
+        Some(Self { model, states: n })
     }
-}
 
-impl Observed {
-    /// The states and the controls of a trial, samples × n and samples × m, from this initial state, or that of the model.
-    pub fn along(&self, record: &Record, initial: Option<&DVector<f64>>) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
+    /// The states and the controls of a trial, samples × n and samples × m, from this initial state, or that of the
+    /// model.
+    pub(super) fn along(
+        &self,
+        record: &Record,
+        initial: Option<&DVector<f64>>,
+    ) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
         let mut model = self.model.clone();
         if let Some(initial) = initial.filter(|x| x.len() == model.initial.len()) {
             model.initial.copy_from(initial);

@@ -1,10 +1,13 @@
-//! Models by name: people with their plants, and the catalogue's plants alone as formulas in the parameters that a lab would want to know.
+//! Models by name: people with their plants, and the catalogue's plants alone as formulas in the parameters that a lab
+//! would want to know.
 
-use super::model::{Entry, FormulaModel, Known, LARGEST, Model, ModelName, ModelParameter, NamedModel};
-use super::wrong;
+use super::model::{Known, LARGEST, Model};
+use super::model_input::{Entry, FormulaModel, ModelName, ModelParameter, NamedModel};
+use super::refusal::wrong;
 use crate::analysis::problem::Problem;
 use crate::plants::head_neck::{self, Axis, HeadNeck};
 use crate::plants::seated_balance::{Output, Parameter, SeatedBalance, Structure, Values};
+use crate::trial::pointer;
 use std::f64::consts::PI;
 
 /// Where the model is in a request.
@@ -22,7 +25,7 @@ pub(super) fn named(named: &NamedModel) -> Result<Model, Problem> {
         ModelName::HeadNeck => head_neck(named),
         name => {
             let plant = plant(name);
-            let mut model = Model::formulas(&written(&plant, named)?)?;
+            let mut model = Model::of_formulas(&written(&plant, named)?)?;
             model.measured = vec![plant.outputs[0].to_owned()];
             Ok(model)
         }
@@ -49,7 +52,7 @@ fn seated_balance(named: &NamedModel) -> Result<Model, Problem> {
     };
     let mut values = Values::table_5_1();
     for (name, value) in &named.values {
-        values = values.with(parameter(name, format!("{AT}/values/{name}"))?, *value);
+        values = values.with(parameter(name, pointer::member(&format!("{AT}/values"), name))?, *value);
     }
     let free = match &named.free {
         None => Parameter::ALL[..11].to_vec(),
@@ -82,7 +85,7 @@ fn head_neck(named: &NamedModel) -> Result<Model, Problem> {
     };
     let mut values = named.axis.unwrap_or(Axis::FlexionExtension).nominal();
     for (name, value) in &named.values {
-        values[place(name, format!("{AT}/values/{name}"))?] = *value;
+        values[place(name, pointer::member(&format!("{AT}/values"), name))?] = *value;
     }
     let free = match &named.free {
         None => vec![0, 1, 2, 3],
@@ -108,8 +111,8 @@ struct Plant {
     outputs: &'static [&'static str],
 }
 
-/// [`two_mass`](crate::plants::catalogue::two_mass): the states are position and velocity of the first mass, then of the second, which is
-/// driven and seen.
+/// [`two_mass`](crate::plants::catalogue::two_mass): the states are position and velocity of the first mass, then of
+/// the second, which is driven and seen.
 const TWO_MASS: Plant = Plant {
     parameters: &[
         ("m1", 1.0, true),
@@ -198,7 +201,7 @@ fn written(plant: &Plant, named: &NamedModel) -> Result<FormulaModel, Problem> {
             .mend(format!("Its parameters are {}.", names.join(", "))))
     };
     for (name, value) in &named.values {
-        let at = format!("{AT}/values/{name}");
+        let at = pointer::member(&format!("{AT}/values"), name);
         known(name, at.clone())?;
         let is_positive = plant.parameters.iter().any(|(own, _, positive)| own == name && *positive);
         if !(value.abs() < LARGEST && (!is_positive || *value >= LEAST)) {

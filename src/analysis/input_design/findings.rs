@@ -1,7 +1,7 @@
 //! What a scientist must read of a design.
 
 use super::result::StartResult;
-use super::run::{Reached, Task};
+use super::task::{Reached, Task};
 use crate::analysis::report::Warning;
 use crate::excite::design::{Criterion, Stop, factor};
 
@@ -12,12 +12,12 @@ const LARGE_SHARE: f64 = 0.5;
 
 /// What a scientist must read of the climbs.
 pub(super) fn of_climbs(task: &Task<'_>, results: &[StartResult], best: &Reached, warnings: &mut Vec<Warning>) {
-    let spec = &task.spec.written;
+    let spec = &task.spec.used;
     if spec.noise_covariance.is_none() {
         warnings.push(Warning::new(
             "noise_assumed",
-            "no noise_covariance is given: noise of variance 1 in the units of the outputs is assumed, and standard deviations scale with \
-             the noise's",
+            "no noise_covariance is given: noise of variance 1 in the units of the outputs is assumed, and standard \
+             deviations scale with the noise's",
         ));
     }
     for (i, result) in results.iter().enumerate() {
@@ -60,8 +60,8 @@ pub(super) fn of_climbs(task: &Task<'_>, results: &[StartResult], best: &Reached
             warnings.push(Warning::new(
                 "trace_dominated",
                 format!(
-                    "{:.0} % of the trace is {name}'s, by its units: the design serves that parameter above all; scaled_t, d and a do not \
-                     depend on units in this way",
+                    "{:.0} % of the trace is {name}'s, by its units: the design serves that parameter above all; \
+                     scaled_t, d and a do not depend on units in this way",
                     100.0 * share
                 ),
             ));

@@ -3,10 +3,12 @@
 //! ```json
 //! {"kind": "input_design",
 //!  "inputs": {"model": {"name": "seated_balance", "initial": [0.01, 0, 0, 0]},
-//!             "starts": [{"generator": {"kind": "prbs", "order": 6, "chip_s": 0.5, "amplitude": 6}, "sample_time_s": 0.1, "duration_s": 30}]},
+//!             "starts": [{"generator": {"kind": "prbs", "order": 6, "chip_s": 0.5, "amplitude": 6},
+//!                         "sample_time_s": 0.1, "duration_s": 30}]},
 //!  "spec": {"samples": 300, "sample_time_s": 0.1, "criterion": "t",
 //!           "limits": {"input": 20, "outputs": {"lower_angle": 0.192, "upper_angle": 0.078, "torque": 60},
-//!                      "differences": [{"of": ["upper_angle", "lower_angle"], "limit": 0.252}], "autocorrelation": {"tolerance": 0.16}}}}
+//!                      "differences": [{"of": ["upper_angle", "lower_angle"], "limit": 0.252}],
+//!                      "autocorrelation": {"tolerance": 0.16}}}}
 //! {"kind": "input_design",
 //!  "inputs": {"model": {"parameters": [{"name": "k", "value": 4}, {"name": "b", "value": 1}],
 //!                       "a": [[0, 1], ["-k", "-b"]], "b": [[0], [1]], "c": [[1, 0]]},
@@ -15,99 +17,94 @@
 //! ```
 //! The method is that of [`excite::design`](crate::excite::design).
 
+mod answer;
 mod catalogue;
+mod checked_spec;
 mod findings;
+mod inputs;
 mod model;
+mod model_input;
 mod monte_carlo;
+mod refusal;
 mod result;
 mod run;
 mod spec;
 mod starts;
+mod task;
+#[cfg(test)]
+mod tests;
 
-use super::inputs::{Library, References};
-use super::kind::{Kind, Request};
-use super::plan::Failure;
-use super::problem::{Code, Problem};
-use super::report::{Report, sha256_json};
+use super::contract::{Analysis, Failure, Outcome, Samples};
+use super::inputs::library::Library;
+use super::kind::Kind;
+use super::problem::Problem;
 use crate::ctl::Ctl;
+use checked_spec::CheckedSpec;
+pub use inputs::{InputDesignInputs, StartInput};
 use model::Model;
-pub use model::{Entry, FormulaModel, ModelInput, ModelName, ModelParameter, NamedModel};
+pub use model_input::{Entry, FormulaModel, ModelInput, ModelName, ModelParameter, NamedModel};
 pub use result::{
     DesignProof, InformationResult, InputDesignResult, LimitResult, MonteCarloParameter, MonteCarloResult,
-    ParameterResult, SignalResult, StartResult,
+    ParameterResult, SignalResult, StartResult, StartStop,
 };
-use serde_json::{Value, json};
-use spec::CheckedSpec;
+use serde_json::Value;
 pub use spec::{AutocorrelationSpec, DifferenceLimit, InputDesignSpec, Limit, LimitsSpec, MonteCarloSpec};
 use starts::Starts;
-pub use starts::{InputDesignInputs, StartInput};
-use std::collections::BTreeMap;
-
-/// Version of [`InputDesignResult`].
-const RESULT_VERSION: u32 = 1;
-
-fn wrong(detail: impl Into<String>, at: impl Into<String>) -> Problem {
-    Problem::new(Code::Invalid, "impossible design", detail).at(at)
-}
 
 /// A checked request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    written: ModelInput,
+    inputs: InputDesignInputs,
     model: Box<Model>,
     starts: Starts,
     spec: Box<CheckedSpec>,
 }
 
-impl Plan {
-    /// Checks a request.
-    ///
-    /// # Errors
-    /// A [`Problem`] with the JSON pointer of what is wrong.
-    pub fn parse(request: &Request) -> Result<Self, Problem> {
-        let members = request.inputs.as_object().ok_or_else(|| wrong("the inputs are no object", "/inputs"))?;
-        for name in members.keys() {
-            if !matches!(name.as_str(), "model" | "starts") {
-                return Err(wrong(format!("input_design takes no input {name:?}"), "/inputs")
-                    .mend("It takes model and starts."));
-            }
-        }
-        let value = members.get("model").ok_or_else(|| {
-            wrong("there is no model", "/inputs").mend("Give a model of the catalogue by name, or matrices.")
-        })?;
-        let (written, model) = Model::parse(value)?;
-        let spec = CheckedSpec::parse(&request.spec, &model)?;
-        let starts = Starts::parse(members.get("starts"), &spec)?;
-        Ok(Self { written, model: Box::new(model), starts, spec: Box::new(spec) })
+impl Analysis for Plan {
+    const KIND: Kind = Kind::named("input_design");
+    const TITLE: &'static str = "Input design";
+    const SUMMARY: &'static str = "The input that tells the most about the parameters of a linear model, within what a \
+        person and a device can bear: from each start, steps of linear programs make Fisher's information larger until \
+        none within the limits does, the limits are proven sample by sample, and simulated records check the predicted \
+        standard deviations if wanted (Priess 2015, chapter 5).";
+    const RESULT_VERSION: u32 = 1;
+    const EXAMPLE: &'static str = include_str!("example.json");
+
+    type Inputs = InputDesignInputs;
+    type Spec = InputDesignSpec;
+    type Result = InputDesignResult;
+
+    fn check(inputs: InputDesignInputs, spec: InputDesignSpec) -> Result<Self, Problem> {
+        let model = Box::new(match &inputs.model {
+            ModelInput::Named(named) => catalogue::named(named)?,
+            ModelInput::Formulas(formulas) => Model::of_formulas(formulas)?,
+        });
+        let spec = Box::new(CheckedSpec::new(spec, &model)?);
+        let starts = Starts::new(&inputs.starts, &spec)?;
+        Ok(Self { inputs, model, starts, spec })
     }
 
-    /// None: the model comes with the request.
-    #[must_use]
-    pub fn references(&self) -> References {
-        References::default()
+    fn inputs(&self) -> &InputDesignInputs {
+        &self.inputs
     }
 
-    /// The request with its defaults filled in; parsing it again gives an equal plan.
-    #[must_use]
-    pub fn request(&self) -> Request {
-        let inputs = json!({"model": self.written, "starts": self.starts.written()});
-        Request { kind: Kind::InputDesign.name().to_owned(), inputs, spec: json!(self.spec.written) }
+    fn spec(&self) -> &InputDesignSpec {
+        &self.spec.used
     }
 
-    /// Computes the report; progress counts steps of the climbs and simulated records.
-    ///
-    /// # Errors
-    /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] for contradictory limits, or starts none of which can be used.
-    pub fn run(&self, _library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
+    fn seed(&self) -> Option<u64> {
+        self.spec.used.monte_carlo.as_ref().map(|monte_carlo| monte_carlo.seed)
+    }
+
+    /// The designed input as `signal`, and the `start` that it was reached from.
+    fn samples(result: &Value) -> Option<Samples> {
+        Samples::named(&result["sample_time_s"], &[("signal", &result["input"]), ("start", &result["start_input"])])
+    }
+
+    /// Progress counts steps of the climbs and simulated records. Contradictory limits, and starts none of which can be
+    /// used, are problems.
+    fn run(&self, _library: &Library, ctl: &Ctl) -> Result<Outcome<InputDesignResult>, Failure> {
         let (result, warnings) = run::run(&self.model, &self.starts, &self.spec, ctl)?;
-        let inputs = self.request().inputs;
-        let hash = |name: &str| (format!("/inputs/{name}"), sha256_json(&inputs[name]));
-        let hashes: BTreeMap<String, String> = BTreeMap::from([hash("model"), hash("starts")]);
-        let seed = self.spec.written.monte_carlo.as_ref().map(|monte_carlo| monte_carlo.seed);
-        let spec: Value = json!(self.spec.written);
-        Ok(Report::new(Kind::InputDesign, RESULT_VERSION, json!(result), warnings, spec, hashes, seed))
+        Ok(Outcome::new(result, warnings))
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -1,140 +1,20 @@
-//! The model whose parameters an experiment is to tell: of the catalogue, or formulas in the request.
+//! The model whose parameters an experiment is to tell, checked.
 
-use super::{catalogue, wrong};
+use super::model_input::{Entry, FormulaModel};
+use super::refusal::wrong;
 use crate::analysis::problem::Problem;
 use crate::control::parametric::{Differentiated, Matrices, ParametricModel};
 use crate::control::{Continuous, Discrete, TimeBase};
 use crate::num::dual::Real;
 use crate::num::expression::Expression;
-use crate::plants::head_neck::{Axis, HeadNeck};
+use crate::plants::head_neck::HeadNeck;
 use crate::plants::seated_balance::SeatedBalance;
 use nalgebra::{DMatrix, DVector};
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
-use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// States, outputs, inputs and free parameters at most.
 const MOST: [(&str, usize); 4] = [("states", 40), ("outputs", 12), ("inputs", 12), ("free parameters", 40)];
 /// Magnitudes beyond this overflow in products of a few matrices.
 pub(super) const LARGEST: f64 = 1e60;
-
-/// Names of a model of the catalogue.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum ModelName {
-    /// Seated balance on a robot's seat (Priess 2015, chapter 5); the input is the torque on the seat, N m.
-    SeatedBalance,
-    /// The head tracking a target (Priess 2015, chapter 2); the input is the target's angle, rad.
-    HeadNeck,
-    /// Two masses in a chain (Zhang 2015, equations 3.1 to 3.3), of m1, m2, c1, c2, k1 and k2; the input is the force on the second.
-    TwoMass,
-    /// The linear drive of a manipulandum (Qiu 2021, section IV.B), of mass and damping; the input is its force.
-    LinearDrive,
-    /// Gain, zero, damping and stiffness, with a minimum-phase zero (Zhang 2015, equation 5.4).
-    MinimumPhase,
-    /// The same with a nonminimum-phase zero (equation 5.5).
-    NonminimumPhase,
-    /// The same with a slow one (equation 5.6).
-    SlowNonminimumPhase,
-    /// A velocity: a gain.
-    Integrator,
-    /// A force on a unit mass with unit damping: mass and damping.
-    DampedDoubleIntegrator,
-}
-
-/// A model of the catalogue.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct NamedModel {
-    /// Its name.
-    pub name: ModelName,
-    /// Values that differ from the tables', by name.
-    #[serde(default)]
-    pub values: BTreeMap<String, f64>,
-    /// The parameters that the experiment is to tell. Default: k1 … k4, j1, j2, l1, l12, l2, tau and t_w of seated balance, k_p, k_d, k_i and tau
-    /// of the head, all of the others.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub free: Option<Vec<String>>,
-    /// The state at the beginning: of seated balance α₁, α̇₁, α₂, α̇₂; of the others but the head their own states. Default: at rest.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub initial: Option<Vec<f64>>,
-    /// Order of the Padé approximation of the delay, of seated balance and the head. Default: 5.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub delay_order: Option<usize>,
-    /// About which axis the head turns, of the head. Default: flexion_extension.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub axis: Option<Axis>,
-}
-
-/// A parameter of a model in the request.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ModelParameter {
-    /// Its name, as formulas call it.
-    pub name: String,
-    /// Its value.
-    pub value: f64,
-    /// Whether the experiment is to tell it. Default: true.
-    #[serde(default = "yes")]
-    pub free: bool,
-    /// The least value that a fit may give it. Default: none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lower: Option<f64>,
-    /// The largest value. Default: none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub upper: Option<f64>,
-}
-
-fn yes() -> bool {
-    true
-}
-
-/// An entry of a matrix: a number, or a formula in the parameters such as `"-(k + k_h)/m"`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(untagged)]
-pub enum Entry {
-    /// A number.
-    Number(f64),
-    /// A formula: numbers, names, `+ - * / ^`, parentheses, `sin`, `cos`, `pi`.
-    Formula(String),
-}
-
-/// A model in the request: `x⁺ = Ax + Bu`, `y = Cx + Du`, `x(0) = x₀`, with entries that are formulas in the parameters.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct FormulaModel {
-    /// The parameters.
-    pub parameters: Vec<ModelParameter>,
-    /// A, n×n.
-    pub a: Vec<Vec<Entry>>,
-    /// B, n×m.
-    pub b: Vec<Vec<Entry>>,
-    /// C, p×n.
-    pub c: Vec<Vec<Entry>>,
-    /// D, p×m. Default: zero.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub d: Option<Vec<Vec<Entry>>>,
-    /// x₀, n. Default: at rest.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub initial: Option<Vec<Entry>>,
-    /// Names of the outputs. Default: y1, y2, ….
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub outputs: Option<Vec<String>>,
-    /// Sample time in seconds; null in continuous time, whose inputs are held between samples.
-    #[serde(default)]
-    pub sample_time_s: Option<f64>,
-}
-
-/// A model as written.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(untagged)]
-pub enum ModelInput {
-    /// Of the catalogue.
-    Named(NamedModel),
-    /// In the request.
-    Formulas(FormulaModel),
-}
 
 /// Formulas, checked.
 #[derive(Debug, Clone, PartialEq)]
@@ -203,28 +83,8 @@ pub(super) struct Model {
 }
 
 impl Model {
-    /// Checks the member `model` of the inputs.
-    pub fn parse(value: &Value) -> Result<(ModelInput, Self), Problem> {
-        const FORMS: &str = "Give {\"name\": \"seated_balance\", \"head_neck\" or that of a plant, ..}, or matrices a, b and c of numbers and \
-                             formulas with their parameters.";
-        let at = "/inputs/model";
-        let members = value.as_object().ok_or_else(|| wrong("the model is no object", at).mend(FORMS))?;
-        // One form or the other, so that errors speak of the form that is meant.
-        if members.contains_key("name") {
-            let named: NamedModel =
-                serde_json::from_value(value.clone()).map_err(|error| wrong(error.to_string(), at).mend(FORMS))?;
-            let model = catalogue::named(&named)?;
-            Ok((ModelInput::Named(named), model))
-        } else {
-            let formulas: FormulaModel =
-                serde_json::from_value(value.clone()).map_err(|error| wrong(error.to_string(), at).mend(FORMS))?;
-            let model = Self::formulas(&formulas)?;
-            Ok((ModelInput::Formulas(formulas), model))
-        }
-    }
-
     /// The model of formulas in the request.
-    pub fn formulas(written: &FormulaModel) -> Result<Self, Problem> {
+    pub(super) fn of_formulas(written: &FormulaModel) -> Result<Self, Problem> {
         let at = "/inputs/model";
         let names: Vec<String> = written.parameters.iter().map(|p| p.name.clone()).collect();
         for (i, parameter) in written.parameters.iter().enumerate() {
@@ -319,7 +179,7 @@ impl Model {
     }
 
     /// With what follows from it: what is measured by default, and whether it is of a size that is taken.
-    pub fn checked(known: Known, outputs: Vec<String>, inputs: usize) -> Result<Self, Problem> {
+    pub(super) fn checked(known: Known, outputs: Vec<String>, inputs: usize) -> Result<Self, Problem> {
         let measured = match &known {
             Known::Seated(_) => ["lower_angle", "upper_angle"].map(str::to_owned).to_vec(),
             Known::Head(_) => vec!["angle".to_owned()],
@@ -360,7 +220,7 @@ impl Model {
     }
 
     /// Names of the free parameters.
-    pub fn names(&self) -> Vec<String> {
+    pub(super) fn names(&self) -> Vec<String> {
         match &self.known {
             Known::Seated(model) => model.names(),
             Known::Head(model) => model.names(),
@@ -370,7 +230,7 @@ impl Model {
     }
 
     /// Their values.
-    pub fn nominal(&self) -> Vec<f64> {
+    pub(super) fn nominal(&self) -> Vec<f64> {
         fn of<T>(model: &Formulas<T>) -> Vec<f64> {
             model.free.iter().map(|i| model.values[*i]).collect()
         }
@@ -383,7 +243,7 @@ impl Model {
     }
 
     /// Between which values they may move.
-    pub fn limits(&self) -> Vec<[f64; 2]> {
+    pub(super) fn limits(&self) -> Vec<[f64; 2]> {
         match &self.known {
             Known::Seated(model) => model.limits(),
             Known::Head(model) => model.limits(),
@@ -393,12 +253,12 @@ impl Model {
     }
 
     /// Its own sample time, of a sampled model.
-    pub fn sample_time_s(&self) -> Option<f64> {
+    pub(super) fn sample_time_s(&self) -> Option<f64> {
         if let Known::Sampled(model) = &self.known { Some(model.time.period_s()) } else { None }
     }
 
     /// The model and its derivatives at θ, sampled.
-    pub fn sampled(&self, theta: &[f64], time: Discrete) -> Result<Differentiated<Discrete>, String> {
+    pub(super) fn sampled(&self, theta: &[f64], time: Discrete) -> Result<Differentiated<Discrete>, String> {
         fn held<M: ParametricModel<Time = Continuous>>(
             model: &M,
             theta: &[f64],

@@ -1,8 +1,8 @@
 //! Simulated records, and whether they say what was predicted.
 
 use super::result::{MonteCarloParameter, MonteCarloResult};
-use super::run::{Reached, Task, overflow};
-use crate::analysis::plan::Failure;
+use super::task::{Reached, Task, overflow};
+use crate::analysis::contract::Failure;
 use crate::analysis::report::Warning;
 use crate::ctl::Ctl;
 use crate::excite::design::refit::{Setting, refit};
@@ -18,7 +18,7 @@ pub(super) fn monte_carlo(
     warnings: &mut Vec<Warning>,
     ctl: &Ctl,
 ) -> Result<Option<MonteCarloResult>, Failure> {
-    let Some(asked) = &task.spec.written.monte_carlo else { return Ok(None) };
+    let Some(asked) = &task.spec.used.monte_carlo else { return Ok(None) };
     let inputs = [&best.start, &best.climb.input];
     let predicted = inputs.map(|u| task.information.fisher(u).deviations());
     let [Some(before), Some(after)] = predicted else {
@@ -34,7 +34,7 @@ pub(super) fn monte_carlo(
         model: &model,
         theta: &task.theta,
         bounds: task.model.limits(),
-        channel: task.spec.written.input,
+        channel: task.spec.used.input,
         first: task.responses.first,
         measured: &task.spec.measured,
         noise,
@@ -79,13 +79,13 @@ pub(super) fn monte_carlo(
     if !all_within {
         let outside: Vec<&str> = parameters.iter().filter(|p| !p.within).map(|p| p.name.as_str()).collect();
         warnings.push(Warning::new(
-                "prediction_missed",
-                format!(
-                    "the simulated variance ratios of {} do not agree with the predicted ones: at this noise the parameters' distribution is \
-                     not that of the first order",
-                    outside.join(", ")
-                ),
-            ));
+            "prediction_missed",
+            format!(
+                "the simulated variance ratios of {} do not agree with the predicted ones: at this noise the \
+                 parameters' distribution is not that of the first order",
+                outside.join(", ")
+            ),
+        ));
     }
     if failed != [0, 0] {
         warnings.push(Warning::new(

@@ -1,37 +1,12 @@
-//! Inputs that a design begins with.
+//! Inputs that a design begins with, checked.
 
-use super::model::ModelInput;
-use super::spec::CheckedSpec;
-use super::wrong;
+use super::checked_spec::CheckedSpec;
+use super::inputs::StartInput;
+use super::refusal::wrong;
+use crate::analysis::contract::Failure;
 use crate::analysis::problem::Problem;
 use crate::ctl::Ctl;
-use crate::excite::sequence::{CheckedSequence, SequenceError, SequenceSpec};
-use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
-use utoipa::ToSchema;
-
-/// Starts at most.
-const MOST: usize = 20;
-
-/// A start: samples, or a sequence to be made with the design's sample time. A longer one is cut, a periodic shorter one repeated.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(untagged)]
-pub enum StartInput {
-    /// N samples.
-    Samples(Vec<f64>),
-    /// A sequence.
-    Sequence(Box<SequenceSpec>),
-}
-
-/// The inputs of `input_design`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct InputDesignInputs {
-    /// The model.
-    pub model: ModelInput,
-    /// Inputs that the design begins with, 1 to 20; the best end of all climbs is the answer.
-    pub starts: Vec<StartInput>,
-}
+use crate::excite::sequence::{CheckedSequence, SequenceError};
 
 #[derive(Debug, Clone, PartialEq)]
 enum Start {
@@ -44,28 +19,22 @@ enum Start {
 pub(super) struct Starts(Vec<Start>);
 
 impl Starts {
-    pub fn parse(value: Option<&Value>, spec: &CheckedSpec) -> Result<Self, Problem> {
-        const FORMS: &str =
-            "Give a list of starts, each an array of samples or a sequence {\"generator\": .., \"sample_time_s\": ..}.";
-        let list = value
-            .and_then(Value::as_array)
-            .ok_or_else(|| wrong("there is no list of starts", "/inputs/starts").mend(FORMS))?;
-        if !(1..=MOST).contains(&list.len()) {
-            return Err(wrong(format!("there are {} starts; 1 to {MOST} are taken", list.len()), "/inputs/starts"));
-        }
-        let samples = spec.written.samples;
-        let starts = list.iter().enumerate().map(|(i, value)| {
+    /// Checks starts against the length and the sample time of the record.
+    ///
+    /// # Errors
+    /// A [`Problem`] with the JSON pointer of what is wrong.
+    pub(super) fn new(starts: &[StartInput], spec: &CheckedSpec) -> Result<Self, Problem> {
+        let samples = spec.used.samples;
+        let starts = starts.iter().enumerate().map(|(i, start)| {
             let at = format!("/inputs/starts/{i}");
-            if value.is_array() {
-                let values: Vec<f64> =
-                    serde_json::from_value(value.clone()).map_err(|error| wrong(error.to_string(), at.clone()))?;
-                if values.len() != samples {
-                    return Err(wrong(format!("there are {} samples, and the record has {samples}", values.len()), at));
+            let written = match start {
+                StartInput::Samples(values) if values.len() == samples => return Ok(Start::Samples(values.clone())),
+                StartInput::Samples(values) => {
+                    let detail = format!("there are {} samples, and the record has {samples}", values.len());
+                    return Err(wrong(detail, at));
                 }
-                return Ok(Start::Samples(values));
-            }
-            let written: SequenceSpec = serde_json::from_value(value.clone())
-                .map_err(|error| wrong(error.to_string(), at.clone()).mend(FORMS))?;
+                StartInput::Sequence(written) => written,
+            };
             if written.sample_time_s != spec.sample_time_s {
                 return Err(wrong(
                     format!(
@@ -75,7 +44,7 @@ impl Starts {
                     format!("{at}/sample_time_s"),
                 ));
             }
-            let checked = written.check().map_err(|error| sequence(&error, &at))?;
+            let checked = written.as_ref().clone().check().map_err(|error| sequence(&error, &at))?;
             if checked.samples() < samples && checked.spec().period_s().is_none() {
                 return Err(wrong(
                     format!("the sequence has {} samples, and the record {samples}", checked.samples()),
@@ -88,23 +57,15 @@ impl Starts {
         starts.collect::<Result<_, _>>().map(Self)
     }
 
-    pub fn written(&self) -> Value {
-        let one = |start: &Start| match start {
-            Start::Samples(samples) => json!(samples),
-            Start::Sequence(sequence) => json!(sequence.spec()),
-        };
-        Value::Array(self.0.iter().map(one).collect())
-    }
-
     /// The samples of every start.
-    pub fn sampled(&self, samples: usize, ctl: &Ctl) -> Result<Vec<Vec<f64>>, crate::analysis::Failure> {
+    pub(super) fn sampled(&self, samples: usize, ctl: &Ctl) -> Result<Vec<Vec<f64>>, Failure> {
         let mut all = Vec::new();
         for (i, start) in self.0.iter().enumerate() {
             all.push(match start {
                 Start::Samples(values) => values.clone(),
                 Start::Sequence(sequence_start) => {
                     let made = sequence_start.sample(ctl).map_err(|error| match error {
-                        SequenceError::Stopped(stopped) => crate::analysis::Failure::Stopped(stopped),
+                        SequenceError::Stopped(stopped) => Failure::Stopped(stopped),
                         error => sequence(&error, &format!("/inputs/starts/{i}")).into(),
                     })?;
                     // Whole periods where there is one; of a period that is no whole number of samples, what there is.

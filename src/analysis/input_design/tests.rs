@@ -1,13 +1,15 @@
-use super::*;
-use serde_json::json;
+use super::{Model, ModelInput, catalogue};
+use crate::analysis::{Code, Failure, Library, Plan, Problem, Report, Request, samples};
+use crate::ctl::Ctl;
+use serde_json::{Value, json};
 
-fn plan(inputs: Value, spec: Value) -> Result<crate::analysis::Plan, Problem> {
-    crate::analysis::Plan::parse(&Request { kind: "input_design".to_owned(), inputs, spec })
+fn plan(inputs: Value, spec: Value) -> Result<Plan, Problem> {
+    Plan::parse(&Request { kind: "input_design".to_owned(), inputs, spec })
 }
 
 fn run(inputs: Value, spec: Value) -> Report {
     let plan = plan(inputs, spec).unwrap();
-    assert_eq!(crate::analysis::Plan::parse(&plan.request()).unwrap().request(), plan.request(), "canonical");
+    assert_eq!(Plan::parse(&plan.request()).unwrap().request(), plan.request(), "canonical");
     plan.run(&Library::default(), &Ctl::new()).unwrap()
 }
 
@@ -22,7 +24,8 @@ fn refused(inputs: Value, spec: Value) -> Problem {
 }
 
 fn oscillator() -> Value {
-    json!({"parameters": [{"name": "k", "value": 4, "lower": 0.1}, {"name": "b", "value": 0.8}, {"name": "m", "value": 1, "free": false}],
+    json!({"parameters": [{"name": "k", "value": 4, "lower": 0.1}, {"name": "b", "value": 0.8},
+                          {"name": "m", "value": 1, "free": false}],
            "a": [[0, 1], ["-k/m", "-b/m"]], "b": [[0], ["1/m"]], "c": [[1, 0], ["-k/m", "-b/m"]], "d": [[0], ["1/m"]],
            "outputs": ["position", "acceleration"]})
 }
@@ -33,9 +36,10 @@ fn alternating(samples: usize) -> Vec<f64> {
 
 #[test]
 fn a_model_of_formulas_is_designed_for_and_refitted() {
-    let inputs = json!({"model": oscillator(), "starts": [alternating(60), {"generator": {"kind": "prbs", "order": 5, "chip_s": 0.4},
-                        "sample_time_s": 0.2, "duration_s": 12}]});
-    let spec = json!({"samples": 60, "sample_time_s": 0.2, "criterion": "a", "measured": ["position"], "noise_covariance": [[1e-6]],
+    let inputs = json!({"model": oscillator(), "starts": [
+        alternating(60), {"generator": {"kind": "prbs", "order": 5, "chip_s": 0.4}, "sample_time_s": 0.2, "duration_s": 12}]});
+    let spec = json!({"samples": 60, "sample_time_s": 0.2, "criterion": "a", "measured": ["position"],
+                      "noise_covariance": [[1e-6]],
                       "limits": {"input": 1.5, "outputs": {"position": 0.8, "acceleration": [-4, 4]}, "input_change": 3},
                       "scale_to_fit": true, "monte_carlo": {"replicates": 400, "seed": 1}});
     let report = run(inputs.clone(), spec.clone());
@@ -63,7 +67,8 @@ fn a_model_of_formulas_is_designed_for_and_refitted() {
 
 #[test]
 fn a_sampled_model_brings_its_sample_time() {
-    let model = json!({"parameters": [{"name": "p", "value": 0.7}], "a": [["p"]], "b": [["1 - p"]], "c": [[1]], "sample_time_s": 0.5});
+    let model = json!({"parameters": [{"name": "p", "value": 0.7}], "a": [["p"]], "b": [["1 - p"]], "c": [[1]],
+                       "sample_time_s": 0.5});
     let inputs = json!({"model": model, "starts": [alternating(40)]});
     let report = run(inputs, json!({"samples": 40, "criterion": "t", "limits": {"input": 1, "outputs": {"y1": 0.95}}}));
     assert_eq!(report.result["sample_time_s"], json!(0.5));
@@ -73,9 +78,10 @@ fn a_sampled_model_brings_its_sample_time() {
 #[test]
 fn the_head_is_in_the_catalogue() {
     let inputs = json!({"model": {"name": "head_neck", "axis": "axial_rotation", "values": {"t_m": 0.04}},
-        "starts": [{"generator": {"kind": "prbs", "order": 5, "chip_s": 0.5, "amplitude": 0.2}, "sample_time_s": 0.1, "duration_s": 8}]});
-    let spec = json!({"samples": 80, "sample_time_s": 0.1, "criterion": "scaled_a", "noise_covariance": [[1e-6]], "max_steps": 20,
-                      "limits": {"input": 0.35, "outputs": {"angle": 0.8, "torque": 5.9}}});
+        "starts": [{"generator": {"kind": "prbs", "order": 5, "chip_s": 0.5, "amplitude": 0.2},
+                    "sample_time_s": 0.1, "duration_s": 8}]});
+    let spec = json!({"samples": 80, "sample_time_s": 0.1, "criterion": "scaled_a", "noise_covariance": [[1e-6]],
+                      "max_steps": 20, "limits": {"input": 0.35, "outputs": {"angle": 0.8, "torque": 5.9}}});
     let report = run(inputs, spec);
     assert!(report.result["factor"].as_f64().unwrap() > 1.1, "{}", report.result["factor"]);
     assert_eq!(report.result["parameters"][3]["name"], json!("tau"));
@@ -86,7 +92,8 @@ fn the_plants_of_the_catalogue_are_models() {
     use crate::control::{Discrete, TimeBase as _, discretise};
     use crate::plants::Plant as Catalogued;
     let sampled = |model: Value| {
-        let (_, model) = Model::parse(&model).unwrap();
+        let ModelInput::Named(named) = ModelInput::read(&model, "/inputs/model").unwrap() else { panic!("{model}") };
+        let model: Model = catalogue::named(&named).unwrap();
         let time = Discrete::new(0.1).unwrap();
         let found = model.sampled(&model.nominal(), time).unwrap();
         assert_eq!(found.slopes.len(), model.names().len());
@@ -108,18 +115,18 @@ fn the_plants_of_the_catalogue_are_models() {
     assert!((found(3.0) - expected).norm() < 1e-10 * expected.norm());
 
     // One is designed for: what matters is learnt better, within the limits, and the other masses are taken as known.
-    let inputs = json!({"model": {"name": "two_mass", "free": ["m2", "k2", "c2"], "initial": [0, 0, 0.01, 0]}, "starts": [
-        {"generator": {"kind": "prbs", "order": 5, "chip_s": 0.4}, "sample_time_s": 0.2, "duration_s": 12}]});
+    let inputs = json!({"model": {"name": "two_mass", "free": ["m2", "k2", "c2"], "initial": [0, 0, 0.01, 0]},
+        "starts": [{"generator": {"kind": "prbs", "order": 5, "chip_s": 0.4}, "sample_time_s": 0.2, "duration_s": 12}]});
     let limits = json!({"input": 1.5, "outputs": {"first_position": 0.9, "velocity": 1.2}});
-    let spec = json!({"samples": 60, "sample_time_s": 0.2, "criterion": "scaled_a", "noise_covariance": [[1e-6]], "limits": limits,
-        "scale_to_fit": true, "monte_carlo": {"replicates": 200, "seed": 1}});
+    let spec = json!({"samples": 60, "sample_time_s": 0.2, "criterion": "scaled_a", "noise_covariance": [[1e-6]],
+        "limits": limits, "scale_to_fit": true, "monte_carlo": {"replicates": 200, "seed": 1}});
     let report = run(inputs.clone(), spec.clone());
     let result = &report.result;
     assert!(result["factor"].as_f64().unwrap() > 1.2, "{}", result["factor"]);
     assert_eq!(result["parameters"][0]["name"], json!("m2"));
     assert!(result["limits"].as_array().unwrap().iter().all(|limit| limit["slack"].as_f64().unwrap() >= 0.0));
     assert_eq!(result["monte_carlo"]["failed"], json!([0, 0]));
-    let csv = crate::analysis::excitation::samples::csv(&report).unwrap();
+    let csv = samples::csv(&report).unwrap();
     assert!(csv.starts_with("t,signal,start\r\n0.0,") && csv.lines().count() == 61, "{csv}");
 
     for (change, at, words) in [
@@ -228,7 +235,8 @@ fn impossible_designs_are_named() {
         assert!(problem.detail.contains(words), "{problem}");
     }
     // Two parameters that only their product shows.
-    let model = json!({"parameters": [{"name": "p", "value": 0.7}, {"name": "q", "value": 2}, {"name": "r", "value": 3}],
+    let model = json!({"parameters": [{"name": "p", "value": 0.7}, {"name": "q", "value": 2},
+                                      {"name": "r", "value": 3}],
                        "a": [["p"]], "b": [["q*r"]], "c": [[1]], "sample_time_s": 0.5});
     let problem = refused(json!({"model": model, "starts": starts}), json!({"samples": 60, "limits": {"input": 2}}));
     assert_eq!(problem.code, Code::NotIdentifiable, "{problem}");

@@ -1,58 +1,41 @@
 //! What keeps the question from an answer, as problems.
 
-use crate::analysis::plan::Failure;
+use super::structure_spec::structure_problem;
+use crate::analysis::contract::Failure;
 use crate::analysis::problem::{Code, Problem};
+use crate::inverse::GainsError;
 use crate::inverse::fit::FitError;
 use crate::inverse::lqr::InverseError;
-use crate::inverse::{GainsError, StructureError};
 
 /// A question that has no answer: the matrix, its size and the reason.
-pub(super) fn gains(error: &GainsError) -> Problem {
-    let at = |letter: &str| format!("/inputs/{}", letter.to_lowercase());
-    let new = |code, title: &str, letter: &str| Problem::new(code, title, error.to_string()).at(at(letter));
+pub(in crate::analysis) fn gains(error: &GainsError) -> Problem {
+    let new = |code, title: &str| {
+        Problem::new(code, title, error.to_string()).at(format!("/inputs/{}", error.matrix().to_lowercase()))
+    };
     match error {
-        GainsError::NotSquare { .. } => new(Code::Invalid, "A is not square", "a"),
-        GainsError::Empty { matrix, .. } => new(Code::Invalid, "empty matrix", matrix),
-        GainsError::Size { matrix, .. } => new(Code::Invalid, "sizes disagree", matrix).mend(
+        GainsError::NotSquare { .. } => new(Code::Invalid, "A is not square"),
+        GainsError::Empty { .. } => new(Code::Invalid, "empty matrix"),
+        GainsError::Size { .. } => new(Code::Invalid, "sizes disagree").mend(
             "With n states, m inputs and p outputs A is n×n, B n×m, C p×n, K m×n and L n×p, each as an array of rows.",
         ),
-        GainsError::TooManyStates { .. } => new(Code::Unaffordable, "too many states", "a"),
-        GainsError::Entry { matrix, .. } => {
-            new(Code::Invalid, "unusable entry", matrix).mend("Choose units in which the numbers are of moderate size.")
+        GainsError::TooManyStates { .. } => new(Code::Unaffordable, "too many states"),
+        GainsError::Entry { .. } => {
+            new(Code::Invalid, "unusable entry").mend("Choose units in which the numbers are of moderate size.")
         }
-        GainsError::ZeroGain { matrix, .. } => new(Code::Invalid, "zero gain", matrix),
-        GainsError::UnstableLoop { product, .. } => {
-            new(Code::Invalid, "unstable closed loop", if product.contains('K') { "k" } else { "l" })
-                .mend("Only a gain that stabilises the plant can be optimal: check its sign (u = −Kx) and the plant.")
+        GainsError::ZeroGain { .. } => new(Code::Invalid, "zero gain"),
+        GainsError::UnstableLoop { .. } => new(Code::Invalid, "unstable closed loop")
+            .mend("Only a gain that stabilises the plant can be optimal: check its sign (u = −Kx) and the plant."),
+        GainsError::Unreachable { .. } => {
+            new(Code::Invalid, "uncontrollable or unobservable mode").mend("Leave out the states concerned.")
         }
-        GainsError::Unreachable { matrix, .. } => {
-            new(Code::Invalid, "uncontrollable or unobservable mode", matrix).mend("Leave out the states concerned.")
-        }
-        GainsError::NoConvergence(_) => new(Code::Numerical, "no eigenvalues", "a"),
+        GainsError::NoConvergence(_) => new(Code::Numerical, "no eigenvalues"),
     }
-}
-
-/// A structure that does not fit.
-pub(super) fn structure(error: &StructureError, at: &str) -> Problem {
-    let of = |matrix: &str| match matrix {
-        "the pattern of Q" => "state_weight/pattern",
-        "the pattern of R" => "port_weight/pattern",
-        _ => "port_weight/fixed",
-    };
-    let place = match error {
-        StructureError::Size { matrix, .. }
-        | StructureError::NotSymmetric { matrix, .. }
-        | StructureError::NoDiagonal { matrix, .. } => of(matrix),
-        StructureError::NothingWeighed { .. } => "state_weight/pattern",
-        StructureError::NotDefinite { .. } | StructureError::Entry { .. } | StructureError::Both => "port_weight/fixed",
-    };
-    Problem::new(Code::Invalid, "unusable structure", error.to_string()).at(format!("{at}/{place}"))
 }
 
 pub(super) fn inverse(error: &InverseError) -> Failure {
     match error {
         InverseError::Stopped(stopped) => Failure::Stopped(*stopped),
-        InverseError::Structure(e) => structure(e, "/spec").into(),
+        InverseError::Structure(e) => structure_problem(e, "/spec").into(),
         InverseError::NoConvergence(_)
         | InverseError::Unproven { .. }
         | InverseError::Undecided { .. }
@@ -66,7 +49,7 @@ pub(super) fn inverse(error: &InverseError) -> Failure {
 pub(super) fn fit(error: &FitError) -> Failure {
     match error {
         FitError::Stopped(stopped) => Failure::Stopped(*stopped),
-        FitError::Structure(e) => structure(e, "/spec").into(),
+        FitError::Structure(e) => structure_problem(e, "/spec").into(),
         FitError::ConditionNumber(_) => {
             Problem::new(Code::Invalid, "unusable spec", error.to_string()).at("/spec/fit/condition_numbers").into()
         }

@@ -1,6 +1,8 @@
-use super::*;
-use crate::analysis::problem::Code;
-use serde_json::json;
+use crate::analysis::inputs::library::Library;
+use crate::analysis::problem::{Code, Problem};
+use crate::analysis::{Plan, Report, Request};
+use crate::ctl::Ctl;
+use serde_json::{Value, json};
 
 fn request(kind: &str, inputs: Value, spec: Value) -> Request {
     Request { kind: kind.to_owned(), inputs, spec }
@@ -8,13 +10,13 @@ fn request(kind: &str, inputs: Value, spec: Value) -> Request {
 
 fn run(kind: &str, inputs: Value, spec: Value) -> Report {
     let request = request(kind, inputs, spec);
-    let plan = crate::analysis::Plan::parse(&request).unwrap();
-    assert_eq!(crate::analysis::Plan::parse(&plan.request()).unwrap().request(), plan.request(), "canonical");
+    let plan = Plan::parse(&request).unwrap();
+    assert_eq!(Plan::parse(&plan.request()).unwrap().request(), plan.request(), "canonical");
     plan.run(&Library::default(), &Ctl::new()).unwrap()
 }
 
 fn refused(kind: &str, inputs: Value, spec: Value) -> Problem {
-    crate::analysis::Plan::parse(&request(kind, inputs, spec)).unwrap_err()
+    Plan::parse(&request(kind, inputs, spec)).unwrap_err()
 }
 
 #[test]
@@ -52,11 +54,13 @@ fn an_infeasible_gain_comes_with_its_fit() {
     assert_eq!(without.provenance.seed, None);
 }
 
-/// Priess 2015, §4.4.3: 3000 steps of 1e-4 from the identity, which the fit beside it beats; `tests/golden/inverse.json` has the source.
+/// Priess 2015, §4.4.3: 3000 steps of 1e-4 from the identity, which the fit beside it beats;
+/// `tests/golden/inverse.json` has the source.
 #[test]
 fn the_descent_of_the_thesis_may_stand_beside_the_fit() {
     let inputs = json!({
-        "a": [[1, 2, -1], [-0.5, 1, 2], [1, 1, 1]], "b": [[0, 1], [-1, 1], [0.5, 0]], "k": [[2.17, 2.88, 7.35], [1.82, 3.94, 6.08]]
+        "a": [[1, 2, -1], [-0.5, 1, 2], [1, 1, 1]], "b": [[0, 1], [-1, 1], [0.5, 0]],
+        "k": [[2.17, 2.88, 7.35], [1.82, 3.94, 6.08]]
     });
     let fit = json!({"condition_numbers": [1000], "random_starts": 1, "descent": {"rate": 1e-4, "steps": 3000}});
     let report = run("inverse_lqr", inputs.clone(), json!({"fit": fit}));
@@ -212,7 +216,8 @@ fn malformed_questions_name_matrix_size_and_reason() {
 fn weights_are_read_with_their_units() {
     let inputs = json!({
         "a": [[0, 1], [2, 0]], "b": [[0], [1]], "k": [[5, 4]],
-        "state_names": ["angle", "rate"], "state_units": ["rad", "rad/s"], "input_names": ["torque"], "input_units": ["N m"],
+        "state_names": ["angle", "rate"], "state_units": ["rad", "rad/s"],
+        "input_names": ["torque"], "input_units": ["N m"],
         "trajectory": {"x": [[0.1, 0], [0, 2], [-0.1, -2]], "u": [[1], [2], [0]]},
         "compare_with": {"q": [[4, 0], [0, 1]], "r": [[2]]}
     });
@@ -265,7 +270,8 @@ fn weights_are_read_with_their_units() {
 #[test]
 fn noise_is_compared_between_people_too() {
     let inputs = json!({
-        "a": [[1, 2], [-3, 1]], "c": [[1, 0]], "l": [[6.11], [4.33]], "state_units": ["m", "m/s"], "output_units": ["m"],
+        "a": [[1, 2], [-3, 1]], "c": [[1, 0]], "l": [[6.11], [4.33]],
+        "state_units": ["m", "m/s"], "output_units": ["m"],
         "compare_with": {"w": [[2, 0], [0, 2]], "v": [[1]]}
     });
     let report = run("inverse_lqe", inputs, json!({}));
@@ -278,8 +284,8 @@ fn noise_is_compared_between_people_too() {
     );
     // The same weights at another scale are the same person.
     let same = json!({
-        "a": [[1, 2], [-3, 1]], "b": [[0, 1], [-1, 1]], "c": [[1, 0]], "k": [[-0.0764, -1.51], [1.88, 0.791]], "l": [[6.11], [4.33]],
-        "compare_with": {"w": report.result["w"].clone(), "v": report.result["v"].clone()}
+        "a": [[1, 2], [-3, 1]], "b": [[0, 1], [-1, 1]], "c": [[1, 0]], "k": [[-0.0764, -1.51], [1.88, 0.791]],
+        "l": [[6.11], [4.33]], "compare_with": {"w": report.result["w"].clone(), "v": report.result["v"].clone()}
     });
     let report = run("inverse_lqg", same, json!({}));
     let comparison = &report.result["filter"]["reading"]["comparison"];
@@ -292,7 +298,10 @@ fn what_a_structure_leaves_is_said() {
     let codes = |report: &Report| report.warnings.iter().map(|w| w.code.clone()).collect::<Vec<_>>();
     // The double integrator with the position paid for alone, and its gain to three digits.
     let inputs = |k: Value| json!({"a": [[0, 1], [0, 0]], "b": [[0], [1]], "k": k});
-    let spec = json!({"semidefinite": true, "state_weight": {"pattern": [[true, false], [false, false]]}, "fit": {"condition_numbers": [100]}});
+    let spec = json!({
+        "semidefinite": true, "state_weight": {"pattern": [[true, false], [false, false]]},
+        "fit": {"condition_numbers": [100]}
+    });
     let exact = run("inverse_lqr", inputs(json!([[1, 2f64.sqrt()]])), spec.clone());
     assert_eq!(exact.result["verdict"], "feasible");
     assert!((exact.result["q"][0][0].as_f64().unwrap() / exact.result["r"][0][0].as_f64().unwrap() - 1.0).abs() < 1e-9);

@@ -1,9 +1,10 @@
 //! The units of weights.
 //!
-//! A cost is free up to its scale. On the scale on which R has the mean eigenvalue 1 the cost counts in squares of the input's unit, so that
-//! `Q_ij` is in `[u]²/([x_i][x_j])`; of a filter W and V are noise intensities, `[x_i][x_j]/s` and `[y]² s` in continuous time and covariances in
-//! sampled time, and with V of the mean eigenvalue 1 `W_ij` is in `[x_i][x_j]/([y]² s²)`, or `[x_i][x_j]/[y]²`. Inputs (outputs) of several units
-//! leave the scale a unit of its own, `cost` (`noise`).
+//! A cost is free up to its scale. On the scale on which R has the mean eigenvalue 1 the cost counts in squares of the
+//! input's unit, so that `Q_ij` is in `[u]²/([x_i][x_j])`; of a filter W and V are noise intensities, `[x_i][x_j]/s`
+//! and `[y]² s` in continuous time and covariances in sampled time, and with V of the mean eigenvalue 1 `W_ij` is in
+//! `[x_i][x_j]/([y]² s²)`, or `[x_i][x_j]/[y]²`. Inputs (outputs) of several units leave the scale a unit of its own,
+//! `cost` (`noise`).
 
 /// Whether one of these stands outside of all parentheses.
 fn has_outside(unit: &str, symbols: &[char]) -> bool {

@@ -6,41 +6,40 @@
 //!  "inputs": {"axis": "axial_rotation", "population": {"controller": {"tau": [0.2, 0.3]}, "torque_nm": 5}},
 //!  "spec": {"experiment": {"edge_hz": [0.1, 1.5], "width_m": [0.5, 2.5], "duration_s": 30}}}
 //! ```
-//! The method is that of [`excite::robust`](crate::excite::robust). What the thesis leaves open is declared, and listed in the report as
-//! `assumptions`.
+//! The method is that of [`excite::robust`](crate::excite::robust). What the thesis leaves open is declared, and listed
+//! in the report as `assumptions`.
 
+mod checked;
+mod findings;
+mod refusal;
 mod result;
 mod spec;
+#[cfg(test)]
+mod tests;
 
-use super::inputs::{Library, References};
-use super::kind::{Kind, Request};
-use super::plan::Failure;
+use super::contract::{Analysis, Failure, Outcome, Samples};
+use super::inputs::library::Library;
+use super::kind::Kind;
 use super::problem::{Code, Problem};
-use super::report::{Report, Warning, sha256_json};
 use crate::ctl::Ctl;
 use crate::excite::robust::search::expected_evaluations;
-use crate::excite::robust::{DrawCost, Outcome, Search, Worst, costs, draws};
+use crate::excite::robust::{Draw, DrawCost, Search, Worst, costs, draws};
 use crate::excite::sequence::SequenceError;
 use crate::num::distributions::student_t;
 use crate::num::stats::{mean, standard_deviation};
+use checked::Checked;
+use refusal::wrong;
 pub use result::{
-    CostParts, DesignResult, DifferenceResult, FreshResult, IterationResult, RobustInputDesignResult, SubjectCost,
+    CostParts, DesignResult, DifferenceResult, FreshResult, IterationResult, RobustInputDesignResult, RobustVerdict,
+    SubjectCost,
 };
-use serde_json::json;
-use spec::Checked;
+use serde_json::Value;
 pub use spec::{
     ControllerRanges, ExperimentSpec, PopulationInput, RobustInputDesignInputs, RobustInputDesignSpec, SubjectSpec,
 };
-use std::collections::BTreeMap;
 
-/// Version of [`RobustInputDesignResult`].
-const RESULT_VERSION: u32 = 1;
 /// The level of the intervals.
 const LEVEL: f64 = 0.95;
-
-fn wrong(detail: impl Into<String>, at: impl Into<String>) -> Problem {
-    Problem::new(Code::Invalid, "impossible experiment", detail).at(at)
-}
 
 /// A checked request.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,33 +53,47 @@ struct Fresh {
     totals: Vec<f64>,
 }
 
-impl Plan {
-    /// Checks a request.
-    ///
-    /// # Errors
-    /// A [`Problem`] with the JSON pointer of what is wrong.
-    pub fn parse(request: &Request) -> Result<Self, Problem> {
-        Ok(Self { checked: Box::new(Checked::parse(&request.inputs, &request.spec)?) })
+impl Analysis for Plan {
+    const KIND: Kind = Kind::named("robust_input_design");
+    const TITLE: &'static str = "Robust input design";
+    const SUMMARY: &'static str = "The target for a person who follows it with the head, by the edge of its band and \
+        the width of the screen, with which the worst subject of a population is estimated best: a min-max search over \
+        subjects and targets, checked with fresh draws against the target that is best for the average subject (Priess \
+        2015, chapter 2).";
+    const RESULT_VERSION: u32 = 1;
+    const EXAMPLE: &'static str = include_str!("example.json");
+
+    type Inputs = RobustInputDesignInputs;
+    type Spec = RobustInputDesignSpec;
+    type Result = RobustInputDesignResult;
+
+    fn check(inputs: RobustInputDesignInputs, spec: RobustInputDesignSpec) -> Result<Self, Problem> {
+        Ok(Self { checked: Box::new(Checked::new(inputs, spec)?) })
     }
 
-    /// None: the population comes with the request.
-    #[must_use]
-    pub fn references(&self) -> References {
-        References::default()
+    fn inputs(&self) -> &RobustInputDesignInputs {
+        &self.checked.inputs
     }
 
-    /// The request with its defaults filled in; parsing it again gives an equal plan.
-    #[must_use]
-    pub fn request(&self) -> Request {
-        let (inputs, spec) = (json!(self.checked.inputs), json!(self.checked.spec));
-        Request { kind: Kind::RobustInputDesign.name().to_owned(), inputs, spec }
+    fn spec(&self) -> &RobustInputDesignSpec {
+        &self.checked.spec
     }
 
-    /// Computes the report; progress counts evaluations of the cost.
-    ///
-    /// # Errors
-    /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] where a target cannot be made.
-    pub fn run(&self, _library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
+    fn seed(&self) -> Option<u64> {
+        Some(self.checked.spec.seed)
+    }
+
+    /// The robust target as `signal`, and the `nominal` one.
+    fn samples(result: &Value) -> Option<Samples> {
+        let (robust, nominal) = (&result["robust"], &result["nominal"]);
+        Samples::named(
+            &robust["target"]["sample_time_s"],
+            &[("signal", &robust["samples"]), ("nominal", &nominal["samples"])],
+        )
+    }
+
+    /// Progress counts evaluations of the cost. A target that cannot be made is a problem.
+    fn run(&self, _library: &Library, ctl: &Ctl) -> Result<Outcome<RobustInputDesignResult>, Failure> {
         let checked = &*self.checked;
         let spec = &checked.spec;
         let total = expected_evaluations(spec.max_iterations, spec.rounds) + 2 * 6;
@@ -95,9 +108,8 @@ impl Plan {
         let robust = self.fresh(&outcome.robust, &again, ctl)?;
         // The search may end long before what was foreseen.
         ctl.advance(total);
-        let mut warnings = Vec::new();
         let difference = difference(&nominal, &robust);
-        findings(checked, &outcome, &nominal, &robust, &difference, &mut warnings);
+        let warnings = findings::warnings(checked, &outcome, &nominal.result, &robust.result, &difference);
         let design = |worst: &Worst, fresh: FreshResult| -> Result<DesignResult, Failure> {
             let target = checked.setting.target_spec(worst.gamma);
             Ok(DesignResult {
@@ -106,7 +118,7 @@ impl Plan {
                 worst_cost: worst.cost(),
                 worst_subjects: worst.subjects.iter().map(|(theta, cost)| SubjectCost::new(*theta, *cost)).collect(),
                 samples: checked.setting.target(worst.gamma, ctl).map_err(|error| sequence(&error))?,
-                target: json!(target),
+                target,
                 fresh,
             })
         };
@@ -123,16 +135,13 @@ impl Plan {
             evaluations: outcome.evaluations,
             assumptions: checked.assumptions(),
         };
-        let hashes: BTreeMap<String, String> = BTreeMap::from([
-            ("/inputs/axis".to_owned(), sha256_json(&json!(checked.inputs.axis))),
-            ("/inputs/population".to_owned(), sha256_json(&json!(checked.inputs.population))),
-        ]);
-        let seed = Some(spec.seed);
-        Ok(Report::new(Kind::RobustInputDesign, RESULT_VERSION, json!(result), warnings, json!(spec), hashes, seed))
+        Ok(Outcome::new(result, warnings))
     }
+}
 
+impl Plan {
     /// The worst of an experiment's worst subjects, with draws that the search has never seen.
-    fn fresh(&self, worst: &Worst, drawn: &[crate::excite::robust::Draw], ctl: &Ctl) -> Result<Fresh, Failure> {
+    fn fresh(&self, worst: &Worst, drawn: &[Draw], ctl: &Ctl) -> Result<Fresh, Failure> {
         let setting = &self.checked.setting;
         let target = setting.target(worst.gamma, ctl).map_err(|error| sequence(&error))?;
         let mut most: Option<(f64, [f64; 4], Vec<DrawCost>)> = None;
@@ -187,79 +196,11 @@ fn difference(nominal: &Fresh, robust: &Fresh) -> DifferenceResult {
     let differences: Vec<f64> = nominal.totals.iter().zip(&robust.totals).map(|(n, r)| n - r).collect();
     let interval = interval(&differences);
     let verdict = if interval[0] > 0.0 {
-        "robust_better"
+        RobustVerdict::RobustBetter
     } else if interval[1] < 0.0 {
-        "robust_worse"
+        RobustVerdict::RobustWorse
     } else {
-        "not_distinguished"
+        RobustVerdict::NotDistinguished
     };
     DifferenceResult { mean: mean(&differences).unwrap_or(0.0), interval, verdict, no_worse: interval[1] >= 0.0 }
 }
-
-/// What a scientist must read.
-fn findings(
-    checked: &Checked,
-    outcome: &Outcome,
-    nominal: &Fresh,
-    robust: &Fresh,
-    difference: &DifferenceResult,
-    warnings: &mut Vec<Warning>,
-) {
-    warnings.push(Warning::new(
-        "assumptions_declared",
-        "the source leaves out the muscle, the derivative's filter, sample time, length, number of draws, scaling of the noise and the average \
-         subject; what stands in their place is listed in `assumptions`, and costs compare only between runs with the same ones",
-    ));
-    if difference.verdict == "robust_worse" {
-        warnings.push(Warning::new(
-            "robust_worse",
-            "with fresh draws the robust experiment's worst subject costs more than the nominal one's: the search saw too few draws",
-        ));
-    }
-    if !outcome.closed {
-        warnings.push(Warning::new(
-            "not_closed",
-            format!(
-                "after {} rounds the search still met worse subjects than it had taken into account",
-                outcome.rounds
-            ),
-        ));
-    }
-    for (name, worst, fresh) in [("nominal", &outcome.nominal, nominal), ("robust", &outcome.robust, robust)] {
-        let [lower, upper] = fresh.result.interval;
-        if !(lower..=upper).contains(&worst.cost()) {
-            warnings.push(Warning::new(
-                "draws_too_few",
-                format!(
-                    "the search put the worst cost of the {name} experiment at {:.4} where fresh draws give {:.4} ({lower:.4} to {upper:.4}): it \
-                     knew its own draws too well; give more draws",
-                    worst.cost(),
-                    fresh.result.cost
-                ),
-            ));
-        }
-        if fresh.result.not_converged > 0 {
-            warnings.push(Warning::new(
-                "refits_not_converged",
-                format!(
-                    "{} of {} fits of the {name} experiment's worst subject did not converge; the best that they found counts",
-                    fresh.result.not_converged, fresh.result.draws
-                ),
-            ));
-        }
-    }
-    let gamma = outcome.robust.gamma;
-    for ((name, value), [lower, upper]) in crate::excite::robust::GAMMA.into_iter().zip(gamma).zip(checked.gamma_box) {
-        if value == lower || value == upper {
-            warnings.push(Warning::new(
-                "at_the_edge",
-                format!(
-                    "the robust {name} is {value}, at the edge of its range: a wider one may hold a better experiment"
-                ),
-            ));
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests;

@@ -2,12 +2,13 @@
 
 use super::spec::SubjectSpec;
 use crate::excite::robust::Trace;
+use crate::excite::sequence::SequenceSpec;
 use crate::plants::head_neck::Axis;
+use schemars::JsonSchema;
 use serde::Serialize;
-use utoipa::ToSchema;
 
 /// The result of `robust_input_design`.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct RobustInputDesignResult {
     /// About which axis the head turns.
     pub axis: Axis,
@@ -15,7 +16,7 @@ pub struct RobustInputDesignResult {
     pub robust: DesignResult,
     /// The experiment that is best for the average subject.
     pub nominal: DesignResult,
-    /// What that one costs with the average subject.
+    /// What that one costs with the average subject: its J, dimensionless.
     pub nominal_cost: f64,
     /// What the robust experiment spares its worst subject, with fresh draws.
     pub difference: DifferenceResult,
@@ -34,31 +35,32 @@ pub struct RobustInputDesignResult {
 }
 
 /// An experiment.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "RobustInputDesignExperimentResult")]
 pub struct DesignResult {
-    /// Edge of the target's pass band, Hz.
+    /// Edge of the target's pass band, in Hz.
     pub edge_hz: f64,
-    /// Width of the screen, m.
+    /// Width of the screen, in m.
     pub width_m: f64,
-    /// The largest cost of a subject found, with the draws of the search.
+    /// The largest cost J of a subject found, dimensionless, with the draws of the search.
     pub worst_cost: f64,
     /// The worst subjects found, the worst first.
     pub worst_subjects: Vec<SubjectCost>,
     /// The target as a sequence, to be made again or played elsewhere.
-    #[schema(value_type = Object)]
-    pub target: serde_json::Value,
-    /// Its samples, rad.
+    pub target: SequenceSpec,
+    /// Its samples, in rad.
     pub samples: Vec<f64>,
     /// The same with draws that the search has never seen.
     pub fresh: FreshResult,
 }
 
 /// A subject and its cost.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "RobustInputDesignSubjectCost")]
 pub struct SubjectCost {
     /// The controller.
     pub subject: SubjectSpec,
-    /// J.
+    /// Its cost J, dimensionless.
     pub cost: f64,
 }
 
@@ -69,58 +71,75 @@ impl SubjectCost {
 }
 
 /// The worst subject's cost with fresh draws.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "RobustInputDesignFresh")]
 pub struct FreshResult {
     /// The subject: the worst, with these draws, of those that the search found worst.
     pub subject: SubjectSpec,
-    /// J.
+    /// Its cost J, dimensionless.
     pub cost: f64,
     /// Its 95 % interval, by Student's t over the draws.
     pub interval: [f64; 2],
     /// What J is made of.
     pub parts: CostParts,
-    /// Draws.
+    /// Draws of body and muscle noise.
     pub draws: usize,
     /// Fits that did not converge.
     pub not_converged: usize,
 }
 
 /// Means over the draws.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "RobustInputDesignCostParts")]
 pub struct CostParts {
-    /// Squared relative errors of the fitted parameters.
+    /// Squared relative errors of the fitted parameters, dimensionless.
     pub error: f64,
-    /// L_a: excursions beyond the limit of acceleration.
+    /// L_a: excursions beyond the limit of acceleration, dimensionless.
     pub acceleration: f64,
-    /// L_T: of torque.
+    /// L_T: excursions beyond the limit of torque, dimensionless.
     pub torque: f64,
-    /// L_n: of angle.
+    /// L_n: excursions beyond the limit of angle, dimensionless.
     pub angle: f64,
 }
 
 /// The nominal experiment's worst cost less the robust one's, draw by draw.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "RobustInputDesignDifference")]
 pub struct DifferenceResult {
-    /// Mean.
+    /// Mean of the difference of J, dimensionless.
     pub mean: f64,
     /// Its 95 % interval, by Student's t.
     pub interval: [f64; 2],
-    /// `robust_better`, `not_distinguished` or `robust_worse`, by the interval.
-    pub verdict: &'static str,
+    /// What the interval says.
+    pub verdict: RobustVerdict,
     /// Whether the interval reaches zero or above.
     pub no_worse: bool,
 }
 
+/// Whether fresh draws tell the robust experiment from the nominal one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema)]
+#[schemars(rename = "RobustInputDesignVerdict")]
+#[serde(rename_all = "snake_case")]
+pub enum RobustVerdict {
+    /// The whole interval is above zero.
+    RobustBetter,
+    /// The interval holds zero.
+    NotDistinguished,
+    /// The whole interval is below zero.
+    RobustWorse,
+}
+
 /// An iteration of the min-max.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "RobustInputDesignIteration")]
 pub struct IterationResult {
     /// The subject, on its way to the worst.
     pub subject: SubjectSpec,
-    /// The edge, on its way to the best.
+    /// The edge of the pass band in Hz, on its way to the best.
     pub edge_hz: f64,
-    /// The width.
+    /// The width of the screen in m, on its way to the best.
     pub width_m: f64,
-    /// J.
+    /// The cost J there, dimensionless.
     pub cost: f64,
 }
 

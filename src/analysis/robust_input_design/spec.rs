@@ -1,74 +1,69 @@
-//! The population and the experiments: as written, and checked.
+//! The population and the experiments, as people write them.
 
-use super::wrong;
-use crate::analysis::problem::{Code, Problem};
-use crate::control::Discrete;
-use crate::excite::robust::{GAMMA, Setting, THETA};
-use crate::plants::head_neck::{Axis, DERIVATIVE_FILTER_S, MUSCLE_LAG_S, Population};
+use super::refusal::{TITLE, wrong};
+use crate::analysis::contract::{Inputs, Part};
+use crate::analysis::problem::Problem;
+use crate::analysis::reading;
+use crate::plants::head_neck::{Axis, DERIVATIVE_FILTER_S, MUSCLE_LAG_S};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
-use utoipa::ToSchema;
+use serde_json::Value;
 
-/// Samples of a record, draws, iterations and rounds at most.
-const MAX_SAMPLES: usize = 20_000;
-const MAX_DRAWS: usize = 2_000;
-const MAX_ITERATIONS: usize = 200;
-const MAX_ROUNDS: usize = 20;
-/// Simulated samples of the whole search at most: hours of one processor.
-const MAX_WORK: u64 = 20_000_000_000;
-
-/// Ranges of the controller's parameters that differ from the tables'.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Ranges of the controller's parameters that differ from those of Tables 2.1 and 2.2, each `[least, largest]`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(rename = "RobustInputDesignControllerRanges")]
 pub struct ControllerRanges {
-    /// K_p, N m/rad.
+    /// Least and largest proportional gain K_p, in N m/rad. Default: that of the tables.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub k_p: Option<[f64; 2]>,
-    /// K_d, N m s/rad.
+    /// Least and largest derivative gain K_d, in N m s/rad. Default: that of the tables.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub k_d: Option<[f64; 2]>,
-    /// K_i, N m/(rad s).
+    /// Least and largest integral gain K_i, in N m/(rad s). Default: that of the tables.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub k_i: Option<[f64; 2]>,
-    /// τ, s.
+    /// Least and largest delay τ, in s. Default: that of the tables.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tau: Option<[f64; 2]>,
 }
 
 /// What differs from Tables 2.1 to 2.4 and the weights of §2.2.3.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(rename = "RobustInputDesignPopulation")]
 pub struct PopulationInput {
     /// Ranges of the controller's parameters.
     pub controller: ControllerRanges,
-    /// Mean inertia, kg m².
+    /// Mean inertia of the head, in kg m². Default: that of Table 2.3.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub inertia: Option<f64>,
-    /// Mean damping, N m s/rad.
+    /// Mean damping of the neck, in N m s/rad. Default: that of Table 2.3.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub damping: Option<f64>,
-    /// Mean stiffness, N m/rad.
+    /// Mean stiffness of the neck, in N m/rad. Default: that of Table 2.3.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stiffness: Option<f64>,
-    /// T_v, N m.
+    /// T_v, in N m: the noise of the muscle's torque is uniform between −T_v and T_v. Default: that of Table 2.4.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_nm: Option<f64>,
-    /// T_M, N m.
+    /// T_M, the largest torque, in N m. Default: that of Table 2.4.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub torque_nm: Option<f64>,
-    /// ρ_M, rad.
+    /// ρ_M, the largest angle of linear motion, in rad. Default: that of Table 2.4.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub angle_rad: Option<f64>,
-    /// ρ̈_M, rad/s².
+    /// ρ̈_M, the largest comfortable acceleration, in rad/s². Default: that of Table 2.4.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub acceleration_rad_s2: Option<f64>,
-    /// W_a, W_T and W_n.
+    /// W_a, W_T and W_n, dimensionless: the weights of excursions beyond the limits of acceleration, torque and angle.
+    /// Default: those of §2.2.3.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub weights: Option<[f64; 3]>,
 }
 
 /// The inputs of `robust_input_design`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RobustInputDesignInputs {
     /// About which axis the head turns: which of the tables.
@@ -79,16 +74,17 @@ pub struct RobustInputDesignInputs {
 }
 
 /// A subject's controller.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "RobustInputDesignSubject")]
 pub struct SubjectSpec {
-    /// K_p.
+    /// The proportional gain K_p, in N m/rad.
     pub k_p: f64,
-    /// K_d.
+    /// The derivative gain K_d, in N m s/rad.
     pub k_d: f64,
-    /// K_i.
+    /// The integral gain K_i, in N m/(rad s).
     pub k_i: f64,
-    /// τ, s.
+    /// The delay τ, in s.
     pub tau: f64,
 }
 
@@ -99,20 +95,21 @@ impl From<[f64; 4]> for SubjectSpec {
 }
 
 /// Which experiments are considered.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(rename = "RobustInputDesignExperiment")]
 pub struct ExperimentSpec {
-    /// Least and largest edge of the target's pass band, Hz. Default: 0.1 to 2.
+    /// Least and largest edge of the target's pass band, in Hz. Default: 0.1 to 2.
     pub edge_hz: [f64; 2],
-    /// Least and largest width of the screen, m. Default: 0.2 to 2.5.
+    /// Least and largest width of the screen, in m. Default: 0.2 to 2.5.
     pub width_m: [f64; 2],
-    /// Distance of the person from the screen, m. Default: 3.
+    /// Distance of the person from the screen, in m. Default: 3.
     pub distance_m: f64,
-    /// Length of a record, s. Default: 20.
+    /// Length of a record, in s. Default: 20.
     pub duration_s: f64,
-    /// Time between samples, s. Default: 0.02.
+    /// Time between samples, in s. Default: 0.02.
     pub sample_time_s: f64,
-    /// Standard deviation of the target's noise before it is cut to ±0.5. Default: 0.25.
+    /// Standard deviation of the target's noise before it is cut to ±0.5, in widths of the screen. Default: 0.25.
     pub noise_rms: f64,
     /// Seed of the target's noise. Default: 1.
     pub target_seed: u64,
@@ -133,20 +130,21 @@ impl Default for ExperimentSpec {
 }
 
 /// The spec of `robust_input_design`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RobustInputDesignSpec {
     /// Which experiments are considered.
     pub experiment: ExperimentSpec,
-    /// θ_A: whom the nominal experiment is designed for, and where the min-max starts. Default: the middle of the population.
+    /// θ_A: whom the nominal experiment is designed for, and where the min-max starts. Default: the middle of the
+    /// population.
     pub average_subject: Option<SubjectSpec>,
     /// Edge (Hz) and width (m) that the searches start from. Default: the middle of the ranges.
     pub start: Option<[f64; 2]>,
-    /// T_m, s. Default: 0.05.
+    /// T_m, the time constant of the muscle, in s. Default: 0.05.
     pub muscle_lag_s: f64,
-    /// T_f, s. Default: 0.02.
+    /// T_f, the time constant of the derivative's filter, in s. Default: 0.02.
     pub derivative_filter_s: f64,
-    /// Bodies are drawn uniformly within this share of their mean. Default: 0.2.
+    /// Bodies are drawn uniformly within this share of their mean, from 0 to below 1. Default: 0.2.
     pub body_spread: f64,
     /// Draws of body and muscle noise in the search, the same for all that it compares. Default: 48.
     pub draws: usize,
@@ -178,276 +176,23 @@ impl Default for RobustInputDesignSpec {
     }
 }
 
-/// A checked request.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Checked {
-    pub inputs: RobustInputDesignInputs,
-    pub spec: RobustInputDesignSpec,
-    pub setting: Setting,
-    pub gamma_box: [[f64; 2]; 2],
-    pub average: [f64; 4],
-    pub start: [f64; 2],
-}
-
-/// Members one at a time, since the deserialiser does not say where it stopped.
-fn members<'a, T: serde::de::DeserializeOwned>(
-    value: &'a Value,
-    plain: &Value,
-    at: &str,
-) -> Result<&'a Map<String, Value>, Problem> {
-    let members = value.as_object().ok_or_else(|| wrong("this is no object", at))?;
-    for (name, value) in members {
-        let mut alone = plain.clone();
-        alone[name.as_str()] = value.clone();
-        if let Err(error) = serde_json::from_value::<T>(alone) {
-            return Err(wrong(error.to_string(), format!("{at}/{}", name.replace('~', "~0").replace('/', "~1"))));
+impl Part for RobustInputDesignInputs {
+    fn read(value: &Value, at: &str) -> Result<Self, Problem> {
+        let members = value.as_object().ok_or_else(|| wrong("this is no object", at))?;
+        if !members.contains_key("axis") {
+            return Err(wrong("there is no axis", at).mend("Give flexion_extension or axial_rotation."));
         }
-    }
-    Ok(members)
-}
-
-fn positive(value: f64, at: &str) -> Result<f64, Problem> {
-    if value > 0.0 && value < 1e9 {
-        Ok(value)
-    } else {
-        Err(wrong(format!("{value} must be positive, and no astronomical number"), at))
+        reading::read(value, at, TITLE)
     }
 }
 
-fn range(range: [f64; 2], at: &str) -> Result<[f64; 2], Problem> {
-    positive(range[0], at)?;
-    positive(range[1], at)?;
-    if range[0] < range[1] {
-        Ok(range)
-    } else {
-        Err(wrong(format!("from {} to {} there is nothing", range[0], range[1]), at).mend("Give [least, largest]."))
-    }
-}
+impl Inputs for RobustInputDesignInputs {}
 
-impl PopulationInput {
-    fn check(&self, axis: Axis) -> Result<Population, Problem> {
-        let at = "/inputs/population";
-        let mut population = axis.population();
-        let ranges = &self.controller;
-        for (i, given) in [ranges.k_p, ranges.k_d, ranges.k_i, ranges.tau].into_iter().enumerate() {
-            if let Some(given) = given {
-                population.controller[i] = range(given, &format!("{at}/controller/{}", THETA[i]))?;
-            }
+impl Part for RobustInputDesignSpec {
+    fn read(value: &Value, at: &str) -> Result<Self, Problem> {
+        if !value.is_object() {
+            return Err(wrong("this is no object", at));
         }
-        let numbers = [
-            ("inertia", self.inertia, &mut population.body[0]),
-            ("torque_nm", self.torque_nm, &mut population.torque_nm),
-            ("angle_rad", self.angle_rad, &mut population.angle_rad),
-            ("acceleration_rad_s2", self.acceleration_rad_s2, &mut population.acceleration_rad_s2),
-        ];
-        for (name, given, into) in numbers {
-            if let Some(given) = given {
-                *into = positive(given, &format!("{at}/{name}"))?;
-            }
-        }
-        let [_, damping, stiffness] = &mut population.body;
-        let numbers = [
-            ("damping", self.damping, damping),
-            ("stiffness", self.stiffness, stiffness),
-            ("noise_nm", self.noise_nm, &mut population.noise_nm),
-        ];
-        for (name, given, into) in numbers {
-            if let Some(given) = given {
-                if !(0.0..1e9).contains(&given) {
-                    return Err(wrong(format!("{given} must not be negative"), format!("{at}/{name}")));
-                }
-                *into = given;
-            }
-        }
-        if let Some(weights) = self.weights {
-            if !weights.iter().all(|w| (0.0..1e9).contains(w)) {
-                return Err(wrong("a weight must not be negative", format!("{at}/weights")));
-            }
-            population.weights = weights;
-        }
-        Ok(population)
-    }
-}
-
-impl Checked {
-    pub fn parse(inputs: &Value, spec: &Value) -> Result<Self, Problem> {
-        let plain = serde_json::json!({"axis": "flexion_extension"});
-        let found = members::<RobustInputDesignInputs>(inputs, &plain, "/inputs")?;
-        if !found.contains_key("axis") {
-            return Err(wrong("there is no axis", "/inputs").mend("Give flexion_extension or axial_rotation."));
-        }
-        let inputs: RobustInputDesignInputs =
-            serde_json::from_value(inputs.clone()).map_err(|error| wrong(error.to_string(), "/inputs"))?;
-        members::<RobustInputDesignSpec>(spec, &serde_json::json!({}), "/spec")?;
-        let mut spec: RobustInputDesignSpec =
-            serde_json::from_value(spec.clone()).map_err(|error| wrong(error.to_string(), "/spec"))?;
-        let population = inputs.population.check(inputs.axis)?;
-        let experiment = &spec.experiment;
-        let at = |field: &str| format!("/spec/experiment/{field}");
-        let gamma_box = [range(experiment.edge_hz, &at("edge_hz"))?, range(experiment.width_m, &at("width_m"))?];
-        let time =
-            Discrete::new(experiment.sample_time_s).map_err(|error| wrong(error.to_string(), at("sample_time_s")))?;
-        for (value, field) in [
-            (experiment.duration_s, "duration_s"),
-            (experiment.distance_m, "distance_m"),
-            (experiment.noise_rms, "noise_rms"),
-        ] {
-            positive(value, &at(field))?;
-        }
-        let nyquist_hz = 0.5 / experiment.sample_time_s;
-        if experiment.edge_hz[1] + 0.5 >= nyquist_hz {
-            return Err(wrong(
-                format!(
-                    "the stop band of an edge at {} Hz begins at {} Hz, at or above the Nyquist frequency of {nyquist_hz} Hz",
-                    experiment.edge_hz[1],
-                    experiment.edge_hz[1] + 0.5
-                ),
-                at("edge_hz"),
-            )
-            .mend("Lower the largest edge, or sample faster."));
-        }
-        let samples = experiment.duration_s / experiment.sample_time_s;
-        if !(20.0..=MAX_SAMPLES as f64).contains(&samples) {
-            return Err(wrong(
-                format!("a record has {samples} samples; 20 to {MAX_SAMPLES} are taken"),
-                at("duration_s"),
-            ));
-        }
-        positive(spec.muscle_lag_s, "/spec/muscle_lag_s")?;
-        positive(spec.derivative_filter_s, "/spec/derivative_filter_s")?;
-        if !(0.0..1.0).contains(&spec.body_spread) {
-            return Err(wrong(
-                format!("the spread is {}, and must be from 0 to below 1", spec.body_spread),
-                "/spec/body_spread",
-            ));
-        }
-        let counts = [
-            ("draws", spec.draws, 2, MAX_DRAWS),
-            ("fresh_draws", spec.fresh_draws, 2, MAX_DRAWS),
-            ("max_iterations", spec.max_iterations, 1, MAX_ITERATIONS),
-            ("rounds", spec.rounds, 0, MAX_ROUNDS),
-        ];
-        for (field, count, least, most) in counts {
-            if !(least..=most).contains(&count) {
-                return Err(wrong(
-                    format!("it is {count}, and must be from {least} to {most}"),
-                    format!("/spec/{field}"),
-                ));
-            }
-        }
-        let evaluations = crate::excite::robust::search::expected_evaluations(spec.max_iterations, spec.rounds);
-        let work = (evaluations * spec.draws as u64 + 12 * spec.fresh_draws as u64) * samples as u64;
-        if work > MAX_WORK {
-            return Err(Problem::new(
-                Code::Unaffordable,
-                "too large a search",
-                format!("the search simulates about {work} samples, and at most {MAX_WORK} are"),
-            )
-            .at("/spec")
-            .mend("Take fewer draws, iterations or samples."));
-        }
-        let average = match spec.average_subject {
-            None => population.controller.map(|[lower, upper]| 0.5 * (lower + upper)),
-            Some(SubjectSpec { k_p, k_d, k_i, tau }) => [k_p, k_d, k_i, tau],
-        };
-        for ((name, value), [lower, upper]) in THETA.into_iter().zip(average).zip(population.controller) {
-            if !(lower..=upper).contains(&value) {
-                return Err(wrong(
-                    format!("{name} is {value}, outside the population's {lower} to {upper}"),
-                    format!("/spec/average_subject/{name}"),
-                ));
-            }
-        }
-        let start = spec.start.unwrap_or(gamma_box.map(|[lower, upper]| 0.5 * (lower + upper)));
-        for (i, (value, [lower, upper])) in start.into_iter().zip(gamma_box).enumerate() {
-            if !(lower..=upper).contains(&value) {
-                return Err(wrong(
-                    format!("{} starts at {value}, outside its range of {lower} to {upper}", GAMMA[i]),
-                    format!("/spec/start/{i}"),
-                ));
-            }
-        }
-        spec.average_subject = Some(SubjectSpec::from(average));
-        spec.start = Some(start);
-        let setting = Setting {
-            population,
-            body_spread: spec.body_spread,
-            muscle_lag_s: spec.muscle_lag_s,
-            derivative_filter_s: spec.derivative_filter_s,
-            time,
-            duration_s: experiment.duration_s,
-            distance_m: experiment.distance_m,
-            noise_rms: experiment.noise_rms,
-            target_seed: experiment.target_seed,
-        };
-        let checked = Self { inputs, spec, setting, gamma_box, average, start };
-        checked.check_stability()?;
-        Ok(checked)
-    }
-
-    /// Every corner of the population, bodies included, must be stable: a loop that is not has no cost.
-    fn check_stability(&self) -> Result<(), Problem> {
-        let population = &self.setting.population;
-        for corner in 0..64_usize {
-            let mut theta = self.average;
-            for (i, (theta, range)) in theta.iter_mut().zip(population.controller).take(3).enumerate() {
-                *theta = range[corner >> i & 1];
-            }
-            let spread = self.setting.body_spread;
-            let body =
-                std::array::from_fn(|i| population.body[i] * [1.0 - spread, 1.0 + spread][corner >> (3 + i) & 1]);
-            let poles = self.setting.model(&theta, body, false).and_then(|m| m.value.model.poles().ok());
-            let is_stable = poles.is_some_and(|poles| poles.iter().all(|p| p.norm() < 1.0));
-            if !is_stable {
-                let [inertia, damping, stiffness] = body;
-                return Err(wrong(
-                    format!(
-                        "the loop with k_p {}, k_d {}, k_i {}, inertia {inertia}, damping {damping} and stiffness {stiffness} is not stable",
-                        theta[0], theta[1], theta[2]
-                    ),
-                    "/inputs/population",
-                )
-                .mend("Narrow the population, or lower muscle_lag_s and derivative_filter_s."));
-            }
-        }
-        Ok(())
-    }
-
-    /// Everything that is assumed beyond the source.
-    pub fn assumptions(&self) -> Vec<String> {
-        let spec = &self.spec;
-        let experiment = &spec.experiment;
-        let SubjectSpec { k_p, k_d, k_i, tau } = SubjectSpec::from(self.average);
-        vec![
-            format!("muscle: a first-order lag of {} s between the PID law and the torque (the source's block is not printed)", spec.muscle_lag_s),
-            format!("derivative: filtered with a time constant of {} s (the source prints an ideal one)", spec.derivative_filter_s),
-            "delay: of the target alone, by shift with straight lines between samples; nothing is approximated".to_owned(),
-            format!("sampling: every {} s for {} s, target and muscle noise held between samples", experiment.sample_time_s, experiment.duration_s),
-            format!(
-                "target: white Gaussian noise through the Butterworth low-pass of least order with 3 dB at its edge and 40 dB 0.5 Hz above, of \
-                 standard deviation {} before it is cut to ±0.5, on a screen {} m away, with a Tukey taper of 10 % at each end; one realisation, seed {}, \
-                 for all experiments",
-                experiment.noise_rms, experiment.distance_m, experiment.target_seed
-            ),
-            format!(
-                "subjects' bodies: inertia, damping and stiffness drawn independently and uniformly within {} % of their means; fits take the means",
-                100.0 * spec.body_spread
-            ),
-            "muscle noise: uniform between -T_v and T_v, a new value every sample, added to the torque".to_owned(),
-            format!(
-                "draws: {} in the search, the same for every subject and experiment; {} others for the figures under `fresh`",
-                spec.draws, spec.fresh_draws
-            ),
-            "cost: penalties averaged over the draws and summed over the samples (the source sums over both); W_e = 1".to_owned(),
-            "fits: by Levenberg-Marquardt from the true parameters within the population's box (the source: a bounded simplex search)".to_owned(),
-            format!("average subject: k_p {k_p}, k_d {k_d}, k_i {k_i}, tau {tau} s (the source's θ_A is not printed)"),
-            format!(
-                "experiments: edges of {} to {} Hz and widths of {} to {} m (the source's Γ is not printed), searched from {} Hz and {} m",
-                experiment.edge_hz[0], experiment.edge_hz[1], experiment.width_m[0], experiment.width_m[1], self.start[0], self.start[1]
-            ),
-            "min-max: Table A.1 with projections on the boxes in place of its tests, which are printed reversed, first steps of a quarter of each \
-             range and first tolerances of 5 %; then refined against the worst subjects met"
-                .to_owned(),
-        ]
+        reading::read(value, at, TITLE)
     }
 }

@@ -1,19 +1,21 @@
-use super::*;
-use serde_json::Value;
+use crate::analysis::{Code, Failure, Library, Plan, Problem, Request, samples};
+use crate::ctl::Ctl;
+use serde_json::{Value, json};
 
 fn small() -> Value {
-    json!({"experiment": {"duration_s": 8, "sample_time_s": 0.04, "edge_hz": [0.2, 2.0]}, "draws": 4, "fresh_draws": 24, "max_iterations": 8, "rounds": 2})
+    json!({"experiment": {"duration_s": 8, "sample_time_s": 0.04, "edge_hz": [0.2, 2.0]}, "draws": 4,
+           "fresh_draws": 24, "max_iterations": 8, "rounds": 2})
 }
 
-fn plan(inputs: Value, spec: Value) -> Result<crate::analysis::Plan, Problem> {
-    crate::analysis::Plan::parse(&Request { kind: "robust_input_design".to_owned(), inputs, spec })
+fn plan(inputs: Value, spec: Value) -> Result<Plan, Problem> {
+    Plan::parse(&Request { kind: "robust_input_design".to_owned(), inputs, spec })
 }
 
 #[test]
 fn the_worst_subject_is_no_worse_off_than_with_the_nominal_experiment() {
     for axis in ["flexion_extension", "axial_rotation"] {
         let plan = plan(json!({"axis": axis}), small()).unwrap();
-        assert_eq!(crate::analysis::Plan::parse(&plan.request()).unwrap().request(), plan.request(), "canonical");
+        assert_eq!(Plan::parse(&plan.request()).unwrap().request(), plan.request(), "canonical");
         let ctl = Ctl::new();
         let report = plan.run(&Library::default(), &ctl).unwrap();
         assert_eq!(ctl.progress().done, ctl.progress().total);
@@ -34,7 +36,7 @@ fn the_worst_subject_is_no_worse_off_than_with_the_nominal_experiment() {
             !(fresh[0]..=fresh[1]).contains(&number(&result[design]["worst_cost"]))
         });
         assert_eq!(report.warnings.iter().any(|warning| warning.code == "draws_too_few"), is_outside);
-        let csv = crate::analysis::excitation::samples::csv(&report).unwrap();
+        let csv = samples::csv(&report).unwrap();
         assert!(csv.starts_with("t,signal,nominal\r\n0.0,") && csv.lines().count() == 201);
         assert_eq!(report.provenance.seed, Some(1));
         let again = plan.run(&Library::default(), &Ctl::new()).unwrap();

@@ -3,8 +3,8 @@
 use crate::analysis::problem::{Code, Problem};
 use crate::identify::delayed::Pair;
 use crate::identify::refine::{Delay, Delays};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Points of a grid at most.
 const MAX_POINTS: usize = 100;
@@ -13,7 +13,7 @@ const MAX_POINTS: usize = 100;
 const MAX_COMBINATIONS: usize = 400;
 
 /// A delay in seconds: a number, a list of numbers to try, or a range that it is refined in.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum DelayValueSpec {
     /// This one.
@@ -25,7 +25,7 @@ pub enum DelayValueSpec {
 }
 
 /// A range of delays.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DelayRange {
     /// Shortest, in seconds.
@@ -39,7 +39,7 @@ const MAX_SEARCHES: usize = 64;
 
 /// Pure delays in the person's feedback and feedforward. The pool is searched without them unless `search` is true; the refinement has
 /// them.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DelaySpec {
     /// In the feedback. Default: none.

@@ -1,7 +1,7 @@
 //! The pool searched with delays, in a report.
 
-use super::problems;
-use crate::analysis::plan::Failure;
+use crate::analysis::contract::Failure;
+use crate::analysis::inputs::pool_problem;
 use crate::analysis::report::Warning;
 use crate::control::{Model, System};
 use crate::ctl::Ctl;
@@ -10,11 +10,11 @@ use crate::identify::pool::PoolError;
 use crate::identify::search::Search;
 use crate::identify::ssid::{Settings, SsidError};
 use crate::response::FrequencyData;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// The best candidate at a pair of delays.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DelayedPoint {
     /// Delay of the feedback in seconds.
     pub feedback_delay_s: f64,
@@ -42,7 +42,7 @@ pub struct DelayedPoint {
 ///
 /// In continuous time its members are those of the pool without delay that are stable with the delay itself too; in sampled time those that
 /// are stable with the delay.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DelayedPool {
     /// Pair by pair, the feedforward's delays innermost.
     pub points: Vec<DelayedPoint>,
@@ -82,7 +82,7 @@ pub(super) fn searched(
     let found = search_with_delays(plant, data, settings, pairs, search, ctl).map_err(|error| match error {
         SsidError::Stopped(stopped) => Failure::Stopped(stopped),
         error => {
-            let problem = problems::problem(&error);
+            let problem = pool_problem::problem(&error);
             Failure::Problem(match error {
                 SsidError::Pool(PoolError::DegreeTooHigh { .. }) => problem
                     .at("/spec/delay/feedback_s")

@@ -7,14 +7,14 @@ use crate::identify::search::{MOST_NEAR, NEAR};
 use crate::identify::ssid::Identified;
 use crate::learning::frequency_domain::controller_metrics;
 use rayon::prelude::*;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Norms that vary by more than this factor over the family are worth a warning.
 const WIDE: f64 = 1.25;
 
 /// A candidate that fits nearly as well as the best one.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct NearCandidate {
     /// Its index in the pool.
     pub index: u64,
@@ -31,7 +31,7 @@ pub struct NearCandidate {
 }
 
 /// The spread of the family at a frequency line: smallest and largest value.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SpreadAtLine {
     /// Angular frequency in rad/s.
     pub omega_rad_s: f64,
@@ -42,7 +42,7 @@ pub struct SpreadAtLine {
 }
 
 /// How far the controllers of the family differ: smallest and largest value of each quantity.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FamilySpread {
     /// Of ‖Gfb‖ over the band; null where a member's is infinite.
     pub norm_feedback: Option<[f64; 2]>,
@@ -53,7 +53,7 @@ pub struct FamilySpread {
 }
 
 /// Candidates that fit nearly as well: how flat the optimum is.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct NearOptimal {
     /// Within this share of the smallest cost.
     pub within: f64,

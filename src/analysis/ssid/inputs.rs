@@ -1,19 +1,22 @@
 //! What is identified from: trials, or frequency data in the request.
 
-use crate::analysis::inputs::References;
-use crate::analysis::problem::Problem;
-use crate::analysis::reading::{self, FittedTrials};
-use crate::control::Model;
+use crate::analysis::inputs::data::{
+    Responses, TrialsOrResponses, check_frequencies, check_responses, check_variances, wrong_data,
+};
+use crate::analysis::problem::{Code, Problem};
 use crate::response::FrequencyData;
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
-use utoipa::ToSchema;
+use serde_json::Value;
+
+/// What is identified from.
+pub type SsidInputs = TrialsOrResponses<SsidResponses>;
 
 /// Frequency data in a request: the closed loop's response from command to output.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct FrequencyResponseInput {
+pub struct SsidResponses {
     /// Angular frequencies in rad/s, not negative, increasing.
     pub omega_rad_s: Vec<f64>,
     /// The response at each as `[re, im]`.
@@ -26,7 +29,7 @@ pub struct FrequencyResponseInput {
     pub averages: Option<u32>,
 }
 
-impl FrequencyResponseInput {
+impl SsidResponses {
     /// As the identification takes it.
     #[must_use]
     pub fn data(&self) -> FrequencyData {
@@ -36,79 +39,41 @@ impl FrequencyResponseInput {
             variance: self.variance.clone(),
         }
     }
+}
 
+impl Responses for SsidResponses {
     fn check(&self) -> Result<(), Problem> {
         let lines = self.omega_rad_s.len();
-        reading::check_frequencies(&self.omega_rad_s, true)?;
-        reading::check_responses(self.h.len(), lines, "h")?;
+        check_frequencies(&self.omega_rad_s, true)?;
+        check_responses(self.h.len(), lines, "h")?;
         if let Some(averages) = self.averages
             && (self.variance.is_none() || averages < 2)
         {
             let detail = format!("variances of {averages} segments, with no variance or too few segments for one");
-            return Err(reading::wrong_data(detail, "averages"));
+            return Err(wrong_data(detail, "averages"));
         }
-        reading::check_variances(self.variance.as_deref(), lines, "variance")
+        check_variances(self.variance.as_deref(), lines, "variance")
+    }
+
+    /// Matrices belong to `ssid_mimo`.
+    fn refuse_others(inputs: &Value) -> Result<(), Problem> {
+        let is_matrix = inputs.pointer("/frequency_response/h/0/0").is_some_and(Value::is_array);
+        let of_matrices = ["/plant/transfer_functions", "/plant/numerator", "/plant/denominator"]
+            .into_iter()
+            .chain(["/measured_outputs", "/fed_back_outputs"])
+            .find(|place| inputs.pointer(place).is_some())
+            .or(is_matrix.then_some("/frequency_response/h"));
+        match of_matrices {
+            None => Ok(()),
+            Some(place) => Err(several_channels("these are inputs", format!("/inputs{place}"))),
+        }
     }
 }
 
-/// Checked inputs.
-#[derive(Debug, Clone, PartialEq)]
-pub enum SsidInputs {
-    /// Trials, each with its plant.
-    Trials(FittedTrials),
-    /// A plant and frequency data.
-    FrequencyResponse {
-        /// The plant.
-        plant: Model,
-        /// The data.
-        data: FrequencyResponseInput,
-    },
-}
-
-impl SsidInputs {
-    /// Checks the `inputs` of a request.
-    ///
-    /// # Errors
-    /// A [`Problem`] with the JSON pointer of what is wrong.
-    pub fn parse(inputs: &Value) -> Result<Self, Problem> {
-        let Some(data) = inputs.get("frequency_response") else {
-            return FittedTrials::parse(inputs).map(Self::Trials);
-        };
-        let (plant, data): (Model, FrequencyResponseInput) = reading::plant_and_data(inputs, data)?;
-        data.check()?;
-        Ok(Self::FrequencyResponse { plant, data })
-    }
-
-    /// Whether the request carries frequency data instead of trials.
-    #[must_use]
-    pub fn is_frequency_data(&self) -> bool {
-        matches!(self, Self::FrequencyResponse { .. })
-    }
-
-    /// The plant given in the request.
-    #[must_use]
-    pub fn inline_plant(&self) -> Option<&Model> {
-        match self {
-            Self::Trials(trials) => trials.inline_plant(),
-            Self::FrequencyResponse { plant, .. } => Some(plant),
-        }
-    }
-
-    /// The stored things among them.
-    #[must_use]
-    pub fn references(&self) -> References {
-        match self {
-            Self::Trials(trials) => trials.references(),
-            Self::FrequencyResponse { .. } => References::default(),
-        }
-    }
-
-    /// The canonical `inputs`: parsing them again gives equal inputs.
-    #[must_use]
-    pub fn to_value(&self) -> Value {
-        match self {
-            Self::Trials(trials) => trials.to_value(),
-            Self::FrequencyResponse { plant, data } => json!({"plant": plant, "frequency_response": data}),
-        }
-    }
+/// What belongs to identification with several inputs and outputs.
+pub(super) fn several_channels(what: &str, at: impl Into<String>) -> Problem {
+    let detail = format!("{what} of identification with several inputs and outputs, which is a kind of its own");
+    Problem::new(Code::Invalid, "several inputs and outputs", detail)
+        .at(at)
+        .mend("Ask for the same with \"kind\": \"ssid_mimo\".")
 }

@@ -13,8 +13,8 @@ use crate::identify::refine::{
 use crate::identify::ssid::Identified;
 use crate::identify::time::Time;
 use crate::num::least_squares::Stop;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Draws of a bootstrap at most.
 pub(super) const MAX_DRAWS: usize = 100_000;
@@ -26,7 +26,7 @@ const SIGNIFICANT: f64 = 0.01;
 const FEW_DEGREES: f64 = 10.0;
 
 /// A parametric bootstrap.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BootstrapSpec {
     /// Responses drawn and refined again.
@@ -36,7 +36,7 @@ pub struct BootstrapSpec {
 }
 
 /// Why the refinement stopped.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RefinementStop {
     /// The gradient is zero to its tolerance, as far as no constraint holds it.
@@ -64,7 +64,7 @@ impl From<Stop> for RefinementStop {
 }
 
 /// A local optimum of all coefficients, from the pool's best candidate, the stability margin kept.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RefinedResult {
     /// Gff.
     pub feedforward: Model,

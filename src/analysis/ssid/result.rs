@@ -9,11 +9,11 @@ use crate::identify::identifiability::Identifiability;
 use crate::identify::search::Method;
 use crate::identify::ssid::Identified;
 use crate::learning::frequency_domain::ControllerMetrics;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Why the best candidate is the best one.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Certificate {
     /// True: no candidate of the pool has a smaller cost, and none with the same cost a lower index.
     pub exact: bool,
@@ -32,7 +32,7 @@ pub struct Certificate {
 }
 
 /// Closed-loop stability.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Stability {
     /// Largest real part of the continuous-time exponents of the closed-loop poles, in 1/s; null where every pole is at the
     /// origin of z.
@@ -44,7 +44,7 @@ pub struct Stability {
 }
 
 /// A frequency line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Fit {
     /// Angular frequency in rad/s.
     pub omega_rad_s: f64,
@@ -60,7 +60,7 @@ pub struct Fit {
 
 /// The share of the recorded variation that the identified loop explains, simulated from the command (and the
 /// disturbance, where recorded) of the trial itself.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SimulatedVafResult {
     /// Of the output; the mean over the trials.
     pub y: Option<f64>,
@@ -71,7 +71,7 @@ pub struct SimulatedVafResult {
 }
 
 /// One trial's share.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TrialVaf {
     /// The trial, by its place in the request.
     pub trial: String,
@@ -84,7 +84,7 @@ pub struct TrialVaf {
 }
 
 /// The result.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SsidResult {
     /// Gff.
     pub feedforward: Model,
@@ -128,7 +128,7 @@ pub struct SsidResult {
 }
 
 /// Simulation on trials that were not fitted.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HeldOut {
     /// By the pool's best candidate.
     pub pool: SimulatedVafResult,

@@ -1,46 +1,58 @@
 //! How it is identified: as written, and checked.
 
 use super::delay_spec::DelaySpec;
+use super::inputs::several_channels;
 use super::refined::{BootstrapSpec, MAX_DRAWS};
 use super::structures::{MAX_STRUCTURES, StructureSpec};
-use crate::analysis::frequency_problem;
+use crate::analysis::contract::Part;
+use crate::analysis::inputs::frequency_problem;
 use crate::analysis::problem::{Code, Problem};
-use crate::analysis::reading::{self, wrong_spec as wrong};
+use crate::analysis::reading::wrong_spec as wrong;
 use crate::identify::pool::{Degrees, PoolName, PoolSpec, PoolSpecError, Recipe};
 use crate::identify::refine::Delays;
 use crate::identify::search::Method;
 use crate::identify::ssid::Weights;
-use crate::response::{CheckedSettings, FrequencySettings};
+use crate::response::{CheckedSettings, FrequencySettings, Lines};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value, json};
-use utoipa::ToSchema;
+use serde_json::Value;
 
 /// Candidates searched where the spec does not say otherwise.
 const MAX_CANDIDATES: [u64; 2] = [1_000_000_000_000, 2_000_000_000];
 
-/// The spec.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+/// How it is identified.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
 pub struct SsidSpec {
     /// The candidate pool.
-    pub pool: PoolSpec,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(required)]
+    pub pool: Option<PoolSpec>,
     /// Degree of the feedforward numerator. Default: by the pool.
-    pub feedforward_numerator_degree: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub feedforward_numerator_degree: Option<usize>,
     /// Degree of the feedforward denominator; the order of an FIR feedforward. Default: by the pool.
-    pub feedforward_denominator_degree: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub feedforward_denominator_degree: Option<usize>,
     /// Degree of the feedback numerator. Default: by the pool.
-    pub feedback_numerator_degree: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub feedback_numerator_degree: Option<usize>,
     /// Degree of the feedback denominator. Default: by the pool.
-    pub feedback_denominator_degree: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub feedback_denominator_degree: Option<usize>,
     /// How frequency data are made from trials. Default: as Zhang 2015 does for the named pools (`zhang2015_chapter_3` with
     /// appendix B, `zhang2015_chapter_5` with appendix C), the excited lines for others. Must be absent with frequency data.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frequency: Option<FrequencySettings>,
     /// How lines are weighted. Default: uniform.
-    pub weights: Weights,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weights: Option<Weights>,
     /// How the best candidate is found; all ways give the same answer. Default: `branch_and_bound`.
-    pub search: Method,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub search: Option<Method>,
     /// Larger pools are refused. Default: 1e12, or 2e9 candidate by candidate.
-    pub max_candidates: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_candidates: Option<u64>,
     /// The sample time of sampled controllers on a continuous plant. Default: that of the trial.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_time_s: Option<f64>,
@@ -49,7 +61,8 @@ pub struct SsidSpec {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub band_hz: Option<[f64; 2]>,
     /// Whether the best candidate is refined, and its uncertainty computed where the noise is known. Default: true.
-    pub refine: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refine: Option<bool>,
     /// A parametric bootstrap that checks the bands. Default: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bootstrap: Option<BootstrapSpec>,
@@ -61,35 +74,36 @@ pub struct SsidSpec {
     pub structures: Option<Vec<StructureSpec>>,
 }
 
-/// The spec as people write it.
-#[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Written {
-    pool: Option<PoolSpec>,
-    feedforward_numerator_degree: Option<usize>,
-    feedforward_denominator_degree: Option<usize>,
-    feedback_numerator_degree: Option<usize>,
-    feedback_denominator_degree: Option<usize>,
-    frequency: Option<Map<String, Value>>,
-    weights: Option<Weights>,
-    search: Option<Method>,
-    max_candidates: Option<u64>,
-    sample_time_s: Option<f64>,
-    band_hz: Option<[f64; 2]>,
-    refine: Option<bool>,
-    bootstrap: Option<BootstrapSpec>,
-    delay: Option<DelaySpec>,
-    structures: Option<Vec<StructureSpec>>,
+impl Part for SsidSpec {
+    fn read(value: &Value, at: &str) -> Result<Self, Problem> {
+        if value.pointer("/pool/matrix_grid").is_some() {
+            return Err(several_channels("a matrix_grid is a pool", format!("{at}/pool/matrix_grid")));
+        }
+        frequency_problem::read_spec(value, at)
+    }
 }
 
 /// A checked spec.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct CheckedSpec {
-    written: SsidSpec,
-    recipe: Recipe,
-    frequency: Option<CheckedSettings>,
-    delays: Option<Delays>,
-    structures: Vec<Recipe>,
+    /// With every default filled in.
+    pub used: SsidSpec,
+    /// The pool.
+    pub recipe: Recipe,
+    /// How frequency data are made; `None` where the request carries them.
+    pub frequency: Option<CheckedSettings>,
+    /// The person's delays, in the refinement.
+    pub delays: Option<Delays>,
+    /// The pools of the structures to compare.
+    pub structures: Vec<Recipe>,
+    /// How lines are weighted.
+    pub weights: Weights,
+    /// How the best candidate is found.
+    pub search: Method,
+    /// Larger pools are refused.
+    pub max_candidates: u64,
+    /// Whether the best candidate is refined.
+    pub refine: bool,
 }
 
 fn pool_problem(error: &PoolSpecError) -> Problem {
@@ -100,9 +114,8 @@ fn pool_problem(error: &PoolSpecError) -> Problem {
 }
 
 impl CheckedSpec {
-    /// Checks the `spec` of a request.
-    pub(super) fn parse(spec: &Value, is_frequency_data: bool) -> Result<Self, Problem> {
-        let written: Written = reading::spec(spec)?;
+    /// Checks a spec.
+    pub(super) fn new(written: SsidSpec, is_frequency_data: bool) -> Result<Self, Problem> {
         let Some(pool) = written.pool else {
             return Err(wrong("there is no pool of candidates", "/spec")
                 .mend("Add \"pool\": \"zhang2015_appendix_b\", \"zhang2015_appendix_c\", or a grid of one's own."));
@@ -129,15 +142,15 @@ impl CheckedSpec {
                 .mend("Leave them out: the request carries its frequency data."));
             }
             (None, true) => None,
-            (Some(members), false) => Some(frequency_problem::parse_settings(members, "/spec/frequency")?),
+            (Some(settings), false) => Some(frequency_problem::check_settings(&settings, "/spec/frequency")?),
             (None, false) => {
-                let members = match name {
-                    Some(PoolName::Zhang2015AppendixB) => json!({"lines": "zhang2015_chapter_3"}),
-                    Some(PoolName::Zhang2015AppendixC) => json!({"lines": "zhang2015_chapter_5"}),
-                    None => json!({}),
+                let lines = match name {
+                    Some(PoolName::Zhang2015AppendixB) => Lines::Zhang2015Chapter3,
+                    Some(PoolName::Zhang2015AppendixC) => Lines::Zhang2015Chapter5,
+                    None => Lines::Excited,
                 };
-                let members = members.as_object().cloned().unwrap_or_default();
-                Some(frequency_problem::parse_settings(members, "/spec/frequency")?)
+                let settings = FrequencySettings { lines, ..FrequencySettings::default() };
+                Some(frequency_problem::check_settings(&settings, "/spec/frequency")?)
             }
         };
         let search = written.search.unwrap_or_default();
@@ -191,48 +204,24 @@ impl CheckedSpec {
             structures
                 .push(pool.check(degrees).map_err(|error| pool_problem(&error).at(format!("/spec/structures/{i}")))?);
         }
-        let written = SsidSpec {
-            pool,
-            feedforward_numerator_degree: structure.feedforward_numerator,
-            feedforward_denominator_degree: structure.feedforward_denominator,
-            feedback_numerator_degree: structure.feedback_numerator,
-            feedback_denominator_degree: structure.feedback_denominator,
+        let weights = written.weights.unwrap_or_default();
+        let used = SsidSpec {
+            pool: Some(pool),
+            feedforward_numerator_degree: Some(structure.feedforward_numerator),
+            feedforward_denominator_degree: Some(structure.feedforward_denominator),
+            feedback_numerator_degree: Some(structure.feedback_numerator),
+            feedback_denominator_degree: Some(structure.feedback_denominator),
             frequency: frequency.as_ref().map(|f| f.settings().clone()),
-            weights: written.weights.unwrap_or_default(),
-            search,
-            max_candidates,
+            weights: Some(weights),
+            search: Some(search),
+            max_candidates: Some(max_candidates),
             sample_time_s: written.sample_time_s,
             band_hz,
-            refine,
+            refine: Some(refine),
             bootstrap: written.bootstrap,
             delay: written.delay,
             structures: written.structures,
         };
-        Ok(Self { written, recipe, frequency, delays, structures })
-    }
-
-    /// With its defaults filled in.
-    pub(super) fn written(&self) -> &SsidSpec {
-        &self.written
-    }
-
-    /// The pool.
-    pub(super) fn recipe(&self) -> &Recipe {
-        &self.recipe
-    }
-
-    /// The person's delays, in the refinement.
-    pub(super) fn delays(&self) -> Option<&Delays> {
-        self.delays.as_ref()
-    }
-
-    /// The pools of the structures to compare.
-    pub(super) fn structures(&self) -> &[Recipe] {
-        &self.structures
-    }
-
-    /// How frequency data are made; `None` where the request carries them.
-    pub(super) fn frequency(&self) -> Option<&CheckedSettings> {
-        self.frequency.as_ref()
+        Ok(Self { used, recipe, frequency, delays, structures, weights, search, max_candidates, refine })
     }
 }

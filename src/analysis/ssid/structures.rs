@@ -2,16 +2,16 @@
 
 use super::refined::{KnownNoise, problem_of};
 use super::spec::CheckedSpec;
-use crate::analysis::plan::Failure;
+use crate::analysis::contract::Failure;
 use crate::analysis::report::Warning;
 use crate::control::System;
 use crate::ctl::Ctl;
 use crate::identify::refine::{Criteria, RefineError, Refinement, Setup, Start};
-use crate::identify::search::{Automatic, Shared};
+use crate::identify::search::{Automatic, PreparedPools};
 use crate::identify::ssid::{Settings, SsidError, Weights, identify};
 use crate::response::{FrequencyData, RepeatKind, Repeats};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Structures of one comparison at most.
 pub(super) const MAX_STRUCTURES: usize = 24;
@@ -20,7 +20,7 @@ pub(super) const MAX_STRUCTURES: usize = 24;
 const MANY_DEGREES: f64 = 30.0;
 
 /// Degrees of a structure; what is left out is as in the spec itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StructureSpec {
     /// Degree of the feedforward numerator.
@@ -38,7 +38,7 @@ pub struct StructureSpec {
 }
 
 /// The likelihood of a comparison.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Likelihood {
     /// Circular complex Gaussian noise with the variance known at each line; lines weighted by its inverse.
@@ -48,7 +48,7 @@ pub enum Likelihood {
 }
 
 /// A structure's row.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StructureRow {
     /// Its degrees: feedforward numerator and denominator, feedback numerator and denominator.
     pub degrees: [usize; 4],
@@ -61,7 +61,7 @@ pub struct StructureRow {
 }
 
 /// The comparison. The main answer keeps the structure of the spec, whatever is chosen here.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StructureComparison {
     /// The likelihood behind AIC and BIC.
     pub likelihood: Likelihood,
@@ -93,13 +93,13 @@ pub(super) fn compare(
     noise: Option<&KnownNoise>,
     repeats: Option<&Repeats>,
     sample_time_s: Option<f64>,
-    shared: &Shared,
+    pools: &dyn PreparedPools,
     ctl: &Ctl,
 ) -> Result<StructureComparison, Failure> {
     let noise = noise.filter(|n| n.degrees_of_freedom >= MANY_DEGREES && data.variance.is_some());
     let folds = repeats.map_or(&[][..], |r| &r.folds);
     let mut rows = Vec::new();
-    for recipe in spec.structures() {
+    for recipe in &spec.structures {
         let structure = recipe.structure();
         let degrees = [
             structure.feedforward_numerator,
@@ -111,10 +111,10 @@ pub(super) fn compare(
             recipe: recipe.clone(),
             weights: if noise.is_some() { Weights::InverseVariance } else { Weights::Uniform },
             sample_time_s,
-            max_candidates: spec.written().max_candidates,
+            max_candidates: spec.max_candidates,
         };
         let mut row = StructureRow { degrees, pool_cost: None, criteria: None, reason: None };
-        let search = Automatic { method: spec.written().search, shared };
+        let search = Automatic { method: spec.search, pools };
         match identify(plant, data, &settings, &search, ctl) {
             Err(SsidError::Stopped(stopped)) => return Err(Failure::Stopped(stopped)),
             // The incumbent of one structure of many is no answer.

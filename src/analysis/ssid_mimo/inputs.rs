@@ -1,20 +1,24 @@
 //! What is identified from: a plant and matrices of frequency data in the request.
 
-use crate::analysis::problem::{Code, Problem};
-use crate::analysis::reading;
+use crate::analysis::contract::{Inputs, Part};
+use crate::analysis::inputs::data::{check_frequencies, check_responses, check_variances, wrong_data};
+use crate::analysis::problem::Problem;
+use crate::analysis::reading::wrong_inputs as wrong;
 use crate::control::MultivariableModel;
 use crate::identify::mimo::MatrixFrequencyData;
+use crate::trial::pointer;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use utoipa::ToSchema;
 
 /// Rows and columns of a response at most.
 const MAX_CHANNELS: usize = 16;
 
-/// The inputs of the multivariable form of `ssid`.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+/// What is identified from.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
 pub struct SsidMimoInputs {
     /// The known plant, from the controls to all of its outputs.
     pub plant: MultivariableModel,
@@ -25,13 +29,13 @@ pub struct SsidMimoInputs {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fed_back_outputs: Option<Vec<usize>>,
     /// The closed loop's response from the commands to the measured outputs.
-    pub frequency_response: MatrixFrequencyResponseInput,
+    pub frequency_response: MatrixResponses,
 }
 
 /// Matrices of frequency data in a request.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct MatrixFrequencyResponseInput {
+pub struct MatrixResponses {
     /// Angular frequencies in rad/s, not negative, increasing.
     pub omega_rad_s: Vec<f64>,
     /// The response at each: rows are measured outputs, columns are commands, entries `[re, im]`.
@@ -41,11 +45,7 @@ pub struct MatrixFrequencyResponseInput {
     pub variance: Option<Vec<f64>>,
 }
 
-fn wrong(detail: impl Into<String>, at: impl Into<String>) -> Problem {
-    Problem::new(Code::Invalid, "unusable inputs", detail).at(at)
-}
-
-impl MatrixFrequencyResponseInput {
+impl MatrixResponses {
     /// As the identification takes it.
     #[must_use]
     pub fn data(&self) -> MatrixFrequencyData {
@@ -63,8 +63,8 @@ impl MatrixFrequencyResponseInput {
 
     fn check(&self) -> Result<(), Problem> {
         let lines = self.omega_rad_s.len();
-        reading::check_frequencies(&self.omega_rad_s, true)?;
-        reading::check_responses(self.h.len(), lines, "h")?;
+        check_frequencies(&self.omega_rad_s, true)?;
+        check_responses(self.h.len(), lines, "h")?;
         for (k, rows) in self.h.iter().enumerate() {
             let columns = rows.first().map_or(0, Vec::len);
             if rows.is_empty() || columns == 0 || rows.len() > MAX_CHANNELS || columns > MAX_CHANNELS {
@@ -72,32 +72,30 @@ impl MatrixFrequencyResponseInput {
                     "the response at line {k} (counted from 0) is {}x{columns}; 1 to {MAX_CHANNELS} rows and columns are taken",
                     rows.len()
                 );
-                return Err(reading::wrong_data(detail, format!("h/{k}")));
+                return Err(wrong_data(detail, format!("h/{k}")));
             }
             if let Some(row) = rows.iter().position(|row| row.len() != columns) {
                 let detail = format!(
                     "the response at line {k} (counted from 0) is ragged: row {row} has {} columns, and row 0 has {columns}",
                     rows[row].len()
                 );
-                return Err(reading::wrong_data(detail, format!("h/{k}/{row}")));
+                return Err(wrong_data(detail, format!("h/{k}/{row}")));
             }
         }
-        reading::check_variances(self.variance.as_deref(), lines, "variance")
+        check_variances(self.variance.as_deref(), lines, "variance")
     }
 }
 
-impl SsidMimoInputs {
-    /// Checks the `inputs` of a request.
-    ///
-    /// # Errors
-    /// A [`Problem`] with the JSON pointer of what is wrong.
-    pub fn parse(inputs: &Value) -> Result<Self, Problem> {
+impl Inputs for SsidMimoInputs {}
+
+impl Part for SsidMimoInputs {
+    fn read(inputs: &Value, _at: &str) -> Result<Self, Problem> {
         fn read<T: serde::de::DeserializeOwned>(value: &Value, at: &str) -> Result<T, Problem> {
             serde_json::from_value(value.clone()).map_err(|error| wrong(error.to_string(), at))
         }
         let Value::Object(members) = inputs else { return Err(wrong("the inputs are no object", "/inputs")) };
         for name in members.keys() {
-            let at = reading::pointer("/inputs", name);
+            let at = pointer::member("/inputs", name);
             match name.as_str() {
                 "plant" | "measured_outputs" | "fed_back_outputs" | "frequency_response" => {}
                 "trial" | "trials" => {
@@ -105,7 +103,7 @@ impl SsidMimoInputs {
                          inputs and outputs takes frequency data in the request";
                     return Err(wrong(detail, at).mend(
                         "Give frequency_response with a matrix for each line and the plant beside it, \
-                         or a pool of single-input single-output controllers.",
+                         or ask for ssid, which identifies from trials.",
                     ));
                 }
                 _ => {
@@ -129,7 +127,7 @@ impl SsidMimoInputs {
             )
             .mend("Write [[[re, im]]] for a response with one row and one column."));
         }
-        let frequency_response: MatrixFrequencyResponseInput = read(data, "/inputs/frequency_response")?;
+        let frequency_response: MatrixResponses = read(data, "/inputs/frequency_response")?;
         frequency_response.check()?;
         let plant = member("plant")
             .ok_or_else(|| wrong("there is no plant", "/inputs").mend("Give the plant beside the data."))?;

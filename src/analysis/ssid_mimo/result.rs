@@ -10,11 +10,11 @@ use crate::identify::search::NEAR;
 use crate::identify::time::Time;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// A controller as left matrix fraction `D⁻¹ N` and as transfer matrix.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MatrixFraction {
     /// D, controls by controls: nested rows of coefficients in descending powers of z.
     pub denominator: Vec<Vec<Vec<f64>>>,
@@ -25,7 +25,7 @@ pub struct MatrixFraction {
 }
 
 /// Why the best candidate is the best one.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MatrixCertificate {
     /// True: no stable candidate has a smaller cost, and none with the same cost a lower index. Costs that are zero but for rounding are the same.
     pub exact: bool,
@@ -48,7 +48,7 @@ pub struct MatrixCertificate {
 }
 
 /// Candidates that fit nearly as well.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MatrixNearOptimal {
     /// Within this share of the smallest cost, or not to be told from it by rounding.
     pub within: f64,
@@ -59,7 +59,7 @@ pub struct MatrixNearOptimal {
 }
 
 /// A frequency line; matrices are measured outputs by commands, entries `[re, im]`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MatrixFit {
     /// Angular frequency in rad/s.
     pub omega_rad_s: f64,
@@ -74,7 +74,7 @@ pub struct MatrixFit {
 }
 
 /// The result of the multivariable form of `ssid`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SsidMimoResult {
     /// Gff; its denominator is a power of z.
     pub feedforward: MatrixFraction,

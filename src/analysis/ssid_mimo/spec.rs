@@ -1,13 +1,14 @@
 //! How it is identified: as written, and checked.
 
+use crate::analysis::contract::Part;
 use crate::analysis::problem::{Code, Problem};
 use crate::analysis::reading::{self, wrong_spec as wrong};
 use crate::identify::mimo::FeedbackPool;
 use crate::identify::pool::spec::Axis;
 use crate::identify::ssid::Weights;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use utoipa::ToSchema;
 
 /// Candidates tried where the spec does not say otherwise.
 const MAX_CANDIDATES: u64 = 500_000_000;
@@ -18,24 +19,30 @@ const FEEDFORWARD_ORDER: usize = 2;
 /// The highest order of the feedforward.
 const MAX_ORDER: usize = 200;
 
-/// The spec of the multivariable form of `ssid`.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+/// How it is identified.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
 pub struct SsidMimoSpec {
     /// The candidate feedback controllers.
-    pub pool: MatrixPoolSpec,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(required)]
+    pub pool: Option<MatrixPoolSpec>,
     /// Order of the FIR feedforward `Gff = B_0 + B_1/z + … + B_n/z^n`. Default 2.
-    pub feedforward_order: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub feedforward_order: Option<usize>,
     /// How lines are weighted. Default: uniform.
-    pub weights: Weights,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weights: Option<Weights>,
     /// Larger pools are refused, counted before any candidate is tested for stability. Default: 5e8.
-    pub max_candidates: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_candidates: Option<u64>,
     /// The sample time of the controllers on a continuous plant, which is sampled behind a zero-order hold.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_time_s: Option<f64>,
 }
 
 /// A pool of feedback controllers with several inputs and outputs.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MatrixPoolSpec {
     /// The grids.
@@ -49,48 +56,50 @@ pub struct MatrixPoolSpec {
 ///
 /// Candidates are counted row by row, the first coefficient outermost: in a row the entries of the numerator from left to right,
 /// then those of the denominator.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MatrixGrid {
     /// Nfb, controls by fed-back outputs; each entry the axes of its coefficients. An entry without axes is 0.
-    #[schema(value_type = Vec<Vec<Vec<Axis>>>)]
+    #[schemars(with = "Vec<Vec<Vec<Axis>>>")]
     pub feedback_numerator: Vec<Vec<Vec<Axis>>>,
     /// Dfb, controls by controls. A diagonal entry holds the axes of `z^d`'s lower coefficients (d axes), the others of their row at
     /// most as many. Default: the identity, which makes the feedback a matrix of gains.
-    #[schema(value_type = Option<Vec<Vec<Vec<Axis>>>>)]
+    #[schemars(with = "Option<Vec<Vec<Vec<Axis>>>>")]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub feedback_denominator: Option<Vec<Vec<Vec<Axis>>>>,
 }
 
-/// The spec as people write it.
-#[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Written {
-    pool: Option<MatrixPoolSpec>,
-    feedforward_order: Option<usize>,
-    weights: Option<Weights>,
-    max_candidates: Option<u64>,
-    sample_time_s: Option<f64>,
+impl Part for SsidMimoSpec {
+    fn read(value: &Value, at: &str) -> Result<Self, Problem> {
+        if let Some(pool) = value.get("pool").filter(|pool| pool.get("matrix_grid").is_none()) {
+            return Err(wrong(
+                format!("the pool {pool} holds no controllers with several inputs and outputs"),
+                format!("{at}/pool"),
+            )
+            .mend("Add \"pool\": {\"matrix_grid\": {\"feedback_numerator\": [[[axis, ..], ..], ..]}}."));
+        }
+        reading::spec(value, at)
+    }
 }
 
 /// A checked spec.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct CheckedSpec {
-    written: SsidMimoSpec,
-    pool: FeedbackPool,
+    /// With every default filled in.
+    pub used: SsidMimoSpec,
+    /// The pool.
+    pub pool: FeedbackPool,
+    /// Order of the FIR feedforward.
+    pub feedforward_order: usize,
+    /// How lines are weighted.
+    pub weights: Weights,
+    /// Larger pools are refused.
+    pub max_candidates: u64,
 }
 
 impl CheckedSpec {
-    /// Checks the `spec` of a request.
-    pub(super) fn parse(spec: &Value) -> Result<Self, Problem> {
-        if let Some(pool) = spec.get("pool").filter(|pool| pool.get("matrix_grid").is_none()) {
-            return Err(wrong(
-                format!("the pool {pool} holds no controllers with several inputs and outputs"),
-                "/spec/pool",
-            )
-            .mend("Add \"pool\": {\"matrix_grid\": {\"feedback_numerator\": [[[axis, ..], ..], ..]}}."));
-        }
-        let written: Written = reading::spec(spec)?;
+    /// Checks a spec.
+    pub(super) fn new(written: SsidMimoSpec) -> Result<Self, Problem> {
         let Some(pool) = written.pool else {
             return Err(wrong("there is no pool of candidates", "/spec")
                 .mend("Add \"pool\": {\"matrix_grid\": {\"feedback_numerator\": [[[axis, ..], ..], ..]}}."));
@@ -118,23 +127,14 @@ impl CheckedSpec {
         if let Some(period) = written.sample_time_s.filter(|t| !(t.is_finite() && *t > 0.0)) {
             return Err(wrong(format!("the sample time {period} s is not positive"), "/spec/sample_time_s"));
         }
-        let written = SsidMimoSpec {
-            pool,
-            feedforward_order,
-            weights: written.weights.unwrap_or_default(),
-            max_candidates,
+        let weights = written.weights.unwrap_or_default();
+        let used = SsidMimoSpec {
+            pool: Some(pool),
+            feedforward_order: Some(feedforward_order),
+            weights: Some(weights),
+            max_candidates: Some(max_candidates),
             sample_time_s: written.sample_time_s,
         };
-        Ok(Self { written, pool: checked })
-    }
-
-    /// With its defaults filled in.
-    pub(super) fn written(&self) -> &SsidMimoSpec {
-        &self.written
-    }
-
-    /// The pool.
-    pub(super) fn pool(&self) -> &FeedbackPool {
-        &self.pool
+        Ok(Self { used, pool: checked, feedforward_order, weights, max_candidates })
     }
 }

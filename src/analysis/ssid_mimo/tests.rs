@@ -1,9 +1,11 @@
 use super::*;
 use crate::analysis::problem::Code;
+use crate::analysis::{Plan, Report};
 use crate::control::MultivariableModel;
 use crate::ctl::StopReason;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
+use serde_json::{Value, json};
 
 /// The example of Zhang 2015, section 4.6, on a pool around the truth.
 fn request() -> Value {
@@ -28,7 +30,7 @@ fn request() -> Value {
         .collect();
     let axis = |low: f64, high: f64| json!([{"from": low, "to": high, "step": 0.1}]);
     json!({
-        "kind": "ssid",
+        "kind": "ssid_mimo",
         "inputs": {"plant": plant, "frequency_response": {"omega_rad_s": omega, "h": h}},
         "spec": {
             "pool": {"matrix_grid": {"feedback_numerator": [
@@ -39,8 +41,8 @@ fn request() -> Value {
     })
 }
 
-fn parsed(request: &Value) -> Result<crate::analysis::Plan, Problem> {
-    crate::analysis::Plan::parse(&serde_json::from_value(request.clone()).unwrap())
+fn parsed(request: &Value) -> Result<Plan, Problem> {
+    Plan::parse(&serde_json::from_value(request.clone()).unwrap())
 }
 
 fn run(request: &Value) -> Result<Report, Failure> {
@@ -50,7 +52,7 @@ fn run(request: &Value) -> Result<Report, Failure> {
 #[test]
 fn a_report_holds_the_truth_and_its_certificate() {
     let report = run(&request()).unwrap();
-    assert_eq!((report.kind, report.schema.as_str()), (Kind::Ssid, "volition.ssid_mimo/1"));
+    assert_eq!((report.kind.name(), report.schema.as_str()), ("ssid_mimo", "volition.ssid_mimo/1"));
     let result: SsidMimoResult = serde_json::from_value(report.result.clone()).unwrap();
     assert_eq!(result.feedback.numerator, [[vec![0.3], vec![1.0]], [vec![0.2], vec![0.4]]]);
     assert_eq!(result.feedback.denominator, [[vec![1.0], vec![0.0]], [vec![0.0], vec![1.0]]]);
@@ -87,7 +89,7 @@ fn the_canonical_request_parses_to_an_equal_plan() {
     continuous["spec"]["sample_time_s"] = json!(0.1);
     for request in [request(), continuous] {
         let first = parsed(&request).unwrap();
-        let again = crate::analysis::Plan::parse(&first.request()).unwrap();
+        let again = Plan::parse(&first.request()).unwrap();
         assert_eq!(again.request(), first.request());
         assert_eq!(first.request().inputs["fed_back_outputs"], json!([0, 1]));
         assert_eq!(first.request().spec["max_candidates"], json!(500_000_000));
@@ -112,7 +114,7 @@ fn measured_and_fed_back_outputs_may_differ() {
             [[[closed.re, closed.im]]]
         })
         .collect();
-    let request = json!({"kind": "ssid",
+    let request = json!({"kind": "ssid_mimo",
         "inputs": {"plant": plant, "measured_outputs": [0], "fed_back_outputs": [1],
                    "frequency_response": {"omega_rad_s": omega, "h": h, "variance": vec![0.1; 15]}},
         "spec": {"pool": {"matrix_grid": {"feedback_numerator": [[[{"from": 0.1, "to": 1.0, "step": 0.1}]]],
@@ -236,20 +238,30 @@ fn every_refusal_names_its_place() {
 }
 
 #[test]
-fn single_input_requests_stay_what_they_are() {
-    let single = json!({"kind": "ssid",
-        "inputs": {"plant": {"num": [4], "den": [1, 2]}, "frequency_response": {"omega_rad_s": [0.6], "h": [[1.1, 0.1]]}},
-        "spec": {"pool": "zhang2015_appendix_b"}});
-    assert!(!is_asked_for(&serde_json::from_value(single).unwrap()));
-    let trial = json!({"kind": "ssid", "inputs": {"trial": "x"}, "spec": {"pool": "zhang2015_appendix_b"}});
-    assert!(!is_asked_for(&serde_json::from_value(trial).unwrap()));
-    // A plant with several outputs, asked for as if it had one.
-    let mut wide = request();
-    wide["inputs"]["plant"] = json!({"a": [[0.5]], "b": [[1, 1]], "c": [[1]], "d": [[0, 0]], "sample_time_s": 1.0});
-    wide["inputs"]["frequency_response"] = json!({"omega_rad_s": [0.6], "h": [[1.1, 0.1]]});
-    wide["spec"] = json!({"pool": "zhang2015_appendix_c"});
-    let problem = parsed(&wide).unwrap_err();
-    assert!(problem.detail.contains("2 inputs") && problem.mend.unwrap().contains("matrix"), "{}", problem.detail);
+fn ssid_given_matrices_names_this_kind() {
+    let refused = |change: &dyn Fn(&mut Value)| {
+        let mut request = request();
+        request["kind"] = json!("ssid");
+        change(&mut request);
+        let problem = parsed(&request).unwrap_err();
+        assert!(problem.mend.as_ref().is_some_and(|mend| mend.contains("ssid_mimo")), "{problem}");
+        problem.location.unwrap()
+    };
+    let single = json!({"num": [4], "den": [1, 2]});
+    assert!(refused(&|_| {}).starts_with("/inputs/plant/"));
+    assert_eq!(refused(&|r| r["inputs"]["plant"] = single.clone()), "/inputs/frequency_response/h");
+    let response = json!({"omega_rad_s": [0.6], "h": [[1.1, 0.1]]});
+    let pool = refused(&|r| {
+        r["inputs"] = json!({"plant": single, "frequency_response": response});
+    });
+    assert_eq!(pool, "/spec/pool/matrix_grid");
+    // A plant with several inputs, asked for as if it had one.
+    let wide = refused(&|r| {
+        let plant = json!({"a": [[0.5]], "b": [[1, 1]], "c": [[1]], "d": [[0, 0]], "sample_time_s": 1.0});
+        r["inputs"] = json!({"plant": plant, "frequency_response": response});
+        r["spec"] = json!({"pool": "zhang2015_appendix_c"});
+    });
+    assert_eq!(wide, "/inputs/plant");
 }
 
 #[test]

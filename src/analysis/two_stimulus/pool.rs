@@ -1,7 +1,7 @@
 //! The best candidate of a pool for both responses.
 
-use super::problems;
-use crate::analysis::plan::Failure;
+use crate::analysis::contract::Failure;
+use crate::analysis::inputs::pool_problem;
 use crate::analysis::problem::{Code, Problem};
 use crate::control::{Continuous, Model, System, TransferFunction};
 use crate::ctl::Ctl;
@@ -12,11 +12,11 @@ use crate::identify::time::Time;
 use crate::two_stimulus::pool::{DisturbanceLine, PoolSearchError, search};
 use crate::two_stimulus::responses::{LineResponse, YD, YR};
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// The best candidate of a pool.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PoolResult {
     /// Gff.
     pub feedforward: Model,
@@ -37,7 +37,7 @@ pub struct PoolResult {
 }
 
 fn failed(error: &SsidError) -> Failure {
-    Failure::Problem(problems::problem(error))
+    Failure::Problem(pool_problem::problem(error))
 }
 
 /// Searches the pool.

@@ -1,21 +1,21 @@
 //! What could be predicted of the trials, and what the estimate shrunk towards the best structure predicts of trials held out.
 
 use super::result::{Shares, TrialShare};
-use crate::analysis::trial_input::ResolvedTrial;
+use crate::analysis::inputs::trials::ResolvedTrial;
 use crate::ctl::{Ctl, Stopped};
 use crate::response::stimuli::{SegmentLines, StimulusLines};
 use crate::two_stimulus::fit::Fitted;
 use crate::two_stimulus::regularised::{Regularised, RegularisedError, default_sizes};
 use crate::two_stimulus::steady::{Share, accounted_for_at_lines, ceilings, groups_by_stimuli};
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// The names of the groups of [`groups_by_stimuli`].
 const GROUPS: [&str; 3] = ["command", "disturbance", "both"];
 
 /// Mean shares of control and output; null where a trial has none.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MeanShare {
     /// Of the control.
     pub u: Option<f64>,
@@ -32,7 +32,7 @@ impl From<Share> for MeanShare {
 /// How much of the variation of the trials a linear response to the stimuli could account for at most: the larger part of what misses from 1 is
 /// no response to them. Shares are those of the steady state at the lines, means over the trials; trials are grouped by their stimuli
 /// (command, disturbance, both).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Ceiling {
     /// The share of the power that lies at the excited lines: no response can pass it, even one of each trial's own.
     pub at_lines: MeanShare,
@@ -45,7 +45,7 @@ pub struct Ceiling {
 
 /// The estimate without structure of each group of trials, shrunk towards the best structure: a Gaussian process of relative deviations, its sizes those with
 /// the smallest error of trials left out of the fit.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RegularisedResult {
     /// Why there is none; everything else is empty then.
     pub reason: Option<String>,

@@ -7,8 +7,8 @@ use crate::two_stimulus::fit::{Band, Fitted};
 use crate::two_stimulus::responses::NoiseSource;
 use crate::two_stimulus::structure::Structure;
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Probability of every band.
 pub(super) const PROBABILITY: f64 = 0.95;
@@ -18,7 +18,7 @@ fn pair(z: Complex64) -> [f64; 2] {
 }
 
 /// A controller's response at a line, with its 95 % bands.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ControllerAtLine {
     /// The value as `[re, im]`.
     pub value: [f64; 2],
@@ -50,7 +50,7 @@ impl From<&Estimated> for ControllerAtLine {
 }
 
 /// A line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TwoStimulusLine {
     /// Frequency in Hz.
     pub frequency_hz: f64,
@@ -99,7 +99,7 @@ impl From<&LineControllers> for TwoStimulusLine {
 }
 
 /// A fitted parameter.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FittedParameter {
     /// Its name, with its unit.
     pub name: String,
@@ -112,7 +112,7 @@ pub struct FittedParameter {
 }
 
 /// A fitted controller at a line, with its 95 % bands.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FittedAtLine {
     /// The value as `[re, im]`.
     pub value: [f64; 2],
@@ -123,7 +123,7 @@ pub struct FittedAtLine {
 }
 
 /// Both controllers of a fit at a line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FittedLine {
     /// Frequency in Hz.
     pub frequency_hz: f64,
@@ -134,7 +134,7 @@ pub struct FittedLine {
 }
 
 /// How far the fit and the estimate without structure agree.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Agreement {
     /// Magnitudes and phases compared.
     pub compared: usize,
@@ -143,7 +143,7 @@ pub struct Agreement {
 }
 
 /// Shares of the recorded variation that a simulation from the stimuli accounts for.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TrialShare {
     /// The trial, by its place in the request.
     pub trial: String,
@@ -154,7 +154,7 @@ pub struct TrialShare {
 }
 
 /// Means over trials, and each of them.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Shares {
     /// Of the control; null where a trial has none.
     pub u: Option<f64>,
@@ -175,7 +175,7 @@ impl Shares {
 }
 
 /// A structure and what became of it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StructureFit {
     /// The structure.
     pub structure: Structure,
@@ -204,7 +204,7 @@ pub struct StructureFit {
 }
 
 /// The result.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TwoStimulusResult {
     /// Line by line, without any assumption about structure.
     pub lines: Vec<TwoStimulusLine>,

@@ -1,15 +1,16 @@
 //! How it is estimated: as written, and checked.
 
-use crate::analysis::frequency_problem;
+use crate::analysis::contract::Part;
+use crate::analysis::inputs::frequency_problem;
 use crate::analysis::problem::{Code, Problem};
-use crate::analysis::reading::{self, wrong_spec as wrong};
+use crate::analysis::reading::wrong_spec as wrong;
 use crate::identify::pool::{Degrees, PoolSpec, Recipe};
 use crate::response::{CheckedSettings, FrequencySettings};
 use crate::two_stimulus::fit::Channel;
 use crate::two_stimulus::structure::Structure;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
-use utoipa::ToSchema;
+use serde_json::Value;
 
 /// Structures fitted at most, and starts of each.
 const MOST_STRUCTURES: usize = 20;
@@ -18,12 +19,14 @@ const MOST_STARTS: usize = 200;
 /// Candidates of a pool where the spec does not say otherwise.
 const MAX_CANDIDATES: u64 = 100_000_000;
 
-/// The spec.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+/// How it is estimated.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
 pub struct TwoStimulusSpec {
     /// The structures that are fitted. Default: McRuer's ladder, that is error feedback with lead, lag and delay; the same with feedforward by
     /// the plant's inverse with gain, lag and delay; the same with a neuromuscular lag. An empty list fits none.
-    pub structures: Vec<Structure>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub structures: Option<Vec<Structure>>,
     /// How trials are transformed. Default: the excited lines of the whole record. Must be absent with responses in the request; `average` has no
     /// effect (trials are combined by least squares).
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -47,48 +50,54 @@ pub struct TwoStimulusSpec {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_candidates: Option<u64>,
     /// Which responses are fitted. Default: those of the control for trials, those of the output for responses in the request.
-    pub channel: Channel,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub channel: Option<Channel>,
     /// The range in which delays are sought. Default: 0.02 to 1 s.
-    pub delay_s: [f64; 2],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub delay_s: Option<[f64; 2]>,
     /// Starts of each fit. Default: 8.
-    pub starts: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub starts: Option<usize>,
     /// The seed of the starts. Default: 0.
-    pub seed: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
     /// Whether the estimate without structure is shrunk towards the best structure and predicts the trials of `validate_on`; trials only, and few
     /// enough that their excited lines together are at most 1000. Default: false.
-    pub regularise: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub regularise: Option<bool>,
 }
 
-#[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct Written {
-    structures: Option<Vec<Structure>>,
-    frequency: Option<Map<String, Value>>,
-    pool: Option<PoolSpec>,
-    feedforward_numerator_degree: Option<usize>,
-    feedforward_denominator_degree: Option<usize>,
-    feedback_numerator_degree: Option<usize>,
-    feedback_denominator_degree: Option<usize>,
-    max_candidates: Option<u64>,
-    channel: Option<Channel>,
-    delay_s: Option<[f64; 2]>,
-    starts: Option<usize>,
-    seed: Option<u64>,
-    regularise: Option<bool>,
+impl Part for TwoStimulusSpec {
+    fn read(value: &Value, at: &str) -> Result<Self, Problem> {
+        frequency_problem::read_spec(value, at)
+    }
 }
 
 /// A checked spec.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct CheckedSpec {
-    written: TwoStimulusSpec,
+    /// With every default filled in.
+    pub used: TwoStimulusSpec,
     recipe: Option<Recipe>,
-    frequency: Option<CheckedSettings>,
+    /// How trials are transformed; `None` where the request carries responses.
+    pub frequency: Option<CheckedSettings>,
+    /// The structures that are fitted.
+    pub structures: Vec<Structure>,
+    /// Which responses are fitted.
+    pub channel: Channel,
+    /// The range in which delays are sought, in seconds.
+    pub delay_s: [f64; 2],
+    /// Starts of each fit.
+    pub starts: usize,
+    /// The seed of the starts.
+    pub seed: u64,
+    /// Whether the estimate without structure is shrunk towards the best structure.
+    pub regularise: bool,
 }
 
 impl CheckedSpec {
-    /// Checks the `spec` of a request.
-    pub(super) fn parse(spec: &Value, is_responses: bool) -> Result<Self, Problem> {
-        let written: Written = reading::spec(spec)?;
+    /// Checks a spec.
+    pub(super) fn new(written: TwoStimulusSpec, is_responses: bool) -> Result<Self, Problem> {
         let frequency = match (written.frequency, is_responses) {
             (Some(_), true) => {
                 return Err(wrong(
@@ -98,8 +107,8 @@ impl CheckedSpec {
                 .mend("Leave them out: the request carries its responses."));
             }
             (None, true) => None,
-            (members, false) => {
-                Some(frequency_problem::parse_settings(members.unwrap_or_default(), "/spec/frequency")?)
+            (settings, false) => {
+                Some(frequency_problem::check_settings(&settings.unwrap_or_default(), "/spec/frequency")?)
             }
         };
         let degrees = Degrees {
@@ -152,8 +161,9 @@ impl CheckedSpec {
                 .mend("Leave it out, or give trials."));
         }
         let default = if is_responses { Channel::Output } else { Channel::Control };
-        let written = TwoStimulusSpec {
-            structures,
+        let (channel, seed) = (written.channel.unwrap_or(default), written.seed.unwrap_or(0));
+        let used = TwoStimulusSpec {
+            structures: Some(structures.clone()),
             frequency: frequency.as_ref().map(|f| f.settings().clone()),
             max_candidates: recipe.as_ref().map(|_| written.max_candidates.unwrap_or(MAX_CANDIDATES)),
             pool: written.pool,
@@ -161,27 +171,17 @@ impl CheckedSpec {
             feedforward_denominator_degree: structure.map(|s| s.feedforward_denominator),
             feedback_numerator_degree: structure.map(|s| s.feedback_numerator),
             feedback_denominator_degree: structure.map(|s| s.feedback_denominator),
-            channel: written.channel.unwrap_or(default),
-            delay_s,
-            starts,
-            seed: written.seed.unwrap_or(0),
-            regularise,
+            channel: Some(channel),
+            delay_s: Some(delay_s),
+            starts: Some(starts),
+            seed: Some(seed),
+            regularise: Some(regularise),
         };
-        Ok(Self { written, recipe, frequency })
-    }
-
-    /// With its defaults filled in.
-    pub(super) fn written(&self) -> &TwoStimulusSpec {
-        &self.written
+        Ok(Self { used, recipe, frequency, structures, channel, delay_s, starts, seed, regularise })
     }
 
     /// The pool, with the most candidates that are searched.
     pub(super) fn pool(&self) -> Option<(&Recipe, u64)> {
-        self.recipe.as_ref().zip(self.written.max_candidates)
-    }
-
-    /// How trials are transformed; `None` where the request carries responses.
-    pub(super) fn frequency(&self) -> Option<&CheckedSettings> {
-        self.frequency.as_ref()
+        self.recipe.as_ref().zip(self.used.max_candidates)
     }
 }

@@ -2,7 +2,7 @@
 
 use super::header_text;
 use crate::analysis::{Code, Problem};
-use crate::api::problem::{ApiError, ApiResult};
+use crate::api::problem::{ApiError, ApiResult, RequestCode};
 use crate::api::state::AppState;
 use axum::body::Body;
 use axum::http::{HeaderMap, HeaderValue, header};
@@ -14,12 +14,12 @@ pub(in crate::api) fn media_type(headers: &HeaderMap) -> Option<String> {
     Some(value.split(';').next().unwrap_or_default().trim().to_ascii_lowercase())
 }
 
-pub(in crate::api) fn unsupported(headers: &HeaderMap, wanted: &str) -> Problem {
+pub(in crate::api) fn unsupported(headers: &HeaderMap, wanted: &str) -> Problem<RequestCode> {
     let given = match headers.get(header::CONTENT_TYPE) {
         None => "the request has no Content-Type".to_owned(),
         Some(_) => format!("the body is '{}'", header_text(headers, &header::CONTENT_TYPE)),
     };
-    Problem::new(Code::UnsupportedMediaType, "unsupported media type", given)
+    Problem::new(RequestCode::UnsupportedMediaType, "unsupported media type", given)
         .at("header Content-Type")
         .mend(format!("Send {wanted}."))
 }
@@ -32,13 +32,13 @@ pub(in crate::api) enum Encoding {
 }
 
 /// The content encoding of a body.
-pub(in crate::api) fn encoding(headers: &HeaderMap) -> Result<Encoding, Problem> {
+pub(in crate::api) fn encoding(headers: &HeaderMap) -> Result<Encoding, Problem<RequestCode>> {
     let text = header_text(headers, &header::CONTENT_ENCODING);
     match text.trim().to_ascii_lowercase().as_str() {
         "" | "identity" => Ok(Encoding::Identity),
         "gzip" | "x-gzip" => Ok(Encoding::Gzip),
         _ => Err(Problem::new(
-            Code::UnsupportedMediaType,
+            RequestCode::UnsupportedMediaType,
             "unsupported content encoding",
             format!("the body is packed as '{text}'"),
         )

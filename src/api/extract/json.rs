@@ -3,13 +3,13 @@
 use super::body::{Encoding, encoding, media_type, read_body, unsupported};
 use super::off_thread;
 use crate::analysis::{Code, Problem};
-use crate::api::problem::{ApiError, ApiResult};
+use crate::api::problem::{ApiError, ApiResult, RequestCode};
 use crate::api::state::AppState;
+use crate::trial::pointer;
 use axum::body::{Body, Bytes};
 use axum::extract::{FromRequest, Request};
 use axum::http::HeaderMap;
 use serde::de::DeserializeOwned;
-use serde_path_to_error::Segment;
 
 /// JSON above this many bytes is parsed on a blocking thread.
 const SMALL_JSON: usize = 64 << 10;
@@ -58,7 +58,7 @@ async fn read_json<T: DeserializeOwned + Send + 'static>(
     }
     if encoding(headers)? != Encoding::Identity {
         return Err(Problem::new(
-            Code::UnsupportedMediaType,
+            RequestCode::UnsupportedMediaType,
             "unsupported content encoding",
             "this route takes no gzip",
         )
@@ -90,8 +90,8 @@ pub fn from_json_object<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem>
     from_json(bytes)
 }
 
-fn not_an_object(found: &str, pointer: &str) -> Problem {
-    Problem::new(Code::Invalid, "unexpected value", format!("there is {found}, where an object belongs")).at(pointer)
+fn not_an_object(found: &str, at: &str) -> Problem {
+    Problem::new(Code::Invalid, "unexpected value", format!("there is {found}, where an object belongs")).at(at)
 }
 
 /// JSON as `T`.
@@ -104,38 +104,35 @@ pub fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     }
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
     let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
-        let pointer = pointer_of(error.path());
-        of_json(error.inner(), &pointer)
+        let place = pointer::below("", error.path());
+        of_json(error.inner(), &place)
     })?;
     deserializer.end().map_err(|error| of_json(&error, ""))?;
     Ok(value)
 }
 
-/// A JSON object inside a body, at `pointer`, as the struct `T`.
+/// A JSON object inside a body, at the pointer `at`, as the struct `T`.
 ///
 /// # Errors
 /// `invalid` with the pointer of the field.
-pub fn from_value<T: DeserializeOwned>(value: &serde_json::Value, pointer: &str) -> Result<T, Problem> {
+pub fn from_value<T: DeserializeOwned>(value: &serde_json::Value, at: &str) -> Result<T, Problem> {
     if !value.is_object() {
-        return Err(not_an_object("something else", pointer));
+        return Err(not_an_object("something else", at));
     }
-    serde_path_to_error::deserialize(value)
-        .map_err(|error| of_json(error.inner(), &format!("{pointer}{}", pointer_of(error.path()))))
+    serde_path_to_error::deserialize(value).map_err(|error| of_json(error.inner(), &pointer::below(at, error.path())))
 }
 
-fn of_json(error: &serde_json::Error, pointer: &str) -> Problem {
+fn of_json(error: &serde_json::Error, at: &str) -> Problem {
     use serde_json::error::Category;
     let text = error.to_string();
     let said = text.rsplit_once(" at line ").map_or(text.as_str(), |(said, _)| said);
     match error.classify() {
         Category::Data => {
-            let pointer = match field_named(said) {
-                Some(field) if !pointer.ends_with(&format!("/{}", escaped(field))) => {
-                    format!("{pointer}/{}", escaped(field))
-                }
-                _ => pointer.to_owned(),
+            let place = match field_named(said) {
+                Some(field) if !at.ends_with(&pointer::member("", field)) => pointer::member(at, field),
+                _ => at.to_owned(),
             };
-            let location = if pointer.is_empty() { "/".to_owned() } else { pointer };
+            let location = if place.is_empty() { "/".to_owned() } else { place };
             Problem::new(Code::Invalid, "unexpected value", said.to_owned()).at(location)
         }
         Category::Syntax | Category::Eof | Category::Io => {
@@ -157,21 +154,6 @@ fn of_json(error: &serde_json::Error, pointer: &str) -> Problem {
 fn field_named(said: &str) -> Option<&str> {
     let rest = ["unknown field `", "missing field `", "duplicate field `"].iter().find_map(|p| said.strip_prefix(p))?;
     rest.split('`').next()
-}
-
-fn escaped(segment: &str) -> String {
-    segment.replace('~', "~0").replace('/', "~1")
-}
-
-fn pointer_of(path: &serde_path_to_error::Path) -> String {
-    path.iter().fold(String::new(), |mut pointer, segment| {
-        match segment {
-            Segment::Seq { index } => pointer.push_str(&format!("/{index}")),
-            Segment::Map { key } => pointer.push_str(&format!("/{}", escaped(key))),
-            Segment::Enum { .. } | Segment::Unknown => {}
-        }
-        pointer
-    })
 }
 
 /// For fields of a merge patch: a field that is there is `Some`, whatever it is (`null` too, where `T` takes that).

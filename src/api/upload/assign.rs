@@ -5,10 +5,10 @@ use super::{FileMetadata, UploadQuery};
 use crate::analysis::ids::PlantId;
 use crate::analysis::{Code, Problem};
 use crate::api::extract::{Integer, from_json, from_value};
-use crate::api::problem::ApiResult;
+use crate::api::problem::{ApiResult, unless_missing};
 use crate::api::state::AppState;
 use crate::api::trials::in_range;
-use crate::store::{Plant, StoreError, Subject};
+use crate::store::{Plant, Subject};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -107,11 +107,8 @@ pub(super) async fn plants(
             continue;
         }
         let bad = |why: String| Problem::new(Code::Invalid, "no such plant in the study", why).at(plant_at.clone());
-        let plant = match state.store.plant(*id).await {
-            Ok(plant) => plant,
-            Err(StoreError::NotFound { .. }) => return Err(bad(format!("there is no plant {id}")).into()),
-            Err(other) => return Err(other.into()),
-        };
+        let plant =
+            unless_missing(state.store.plant(*id).await)?.ok_or_else(|| bad(format!("there is no plant {id}")))?;
         if plant.study != subject.study {
             return Err(bad(format!("the plant {id} is of another study than the subject")).into());
         }

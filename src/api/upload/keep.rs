@@ -3,11 +3,11 @@
 use super::UploadQuery;
 use super::assign::Wanted;
 use super::files::{Budget, File, Read};
-use crate::analysis::report::hexadecimal;
 use crate::analysis::{Code, Problem, Warning};
 use crate::api::problem::{ApiError, ApiResult, internal};
 use crate::api::state::{AppState, Limits};
 use crate::learning::time_domain;
+use crate::num::hexadecimal::hexadecimal;
 use crate::store::{Created, IdempotencyKey, NewTrial, Plant, StoreError, Subject, TrialFilter, TrialRecord};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

@@ -17,6 +17,7 @@ use crate::analysis::ids::{PlantId, SubjectId};
 use crate::analysis::{Code, Problem, Warning};
 use crate::store::{Created, Plant};
 use crate::trial::csv::ColumnMapping;
+use crate::trial::json::TrialDocument;
 use assign::{Wanted, assignments, plants, with_metadata};
 use axum::body::Body;
 use axum::extract::State;
@@ -24,16 +25,17 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use files::File;
 use keep::{parse_all, remarks, store};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-use utoipa::{IntoParams, ToSchema};
+use utoipa::IntoParams;
 
 /// What the files do not say themselves.
 #[derive(Debug, Clone, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct UploadQuery {
-    /// The plant that the trial was recorded on, of the subject's study. Needed unless a form's `metadata` names one for
-    /// each file.
+    /// The plant that the trial was recorded on, of the subject's study. Needed unless a form's `metadata` names one
+    /// for each file.
     #[param(nullable = false)]
     pub plant: Option<PlantId>,
     /// The trial's number; without it, the next free one within the session (the answer says which). Several files of a
@@ -102,63 +104,41 @@ fn columns(text: &str) -> Result<ColumnMapping, Problem> {
 }
 
 /// One file of a form, in its part `metadata`.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schema(example = json!({"file": "s07_12.csv.gz", "number": 12, "session": 1}))]
+#[schemars(example = serde_json::json!({"file": "s07_12.csv.gz", "number": 12, "session": 1}))]
 pub struct FileMetadata {
     /// The name of one of the files.
     file: String,
     /// The trial's number; without it, as the query says.
-    #[schema(value_type = Option<i64>, minimum = 1, maximum = 1000000000)]
+    #[schemars(with = "Option<i64>", range(min = 1, max = 1000000000))]
     number: Option<Integer>,
     /// The session; without it, as the query says.
-    #[schema(value_type = Option<i64>, minimum = 0, maximum = 1000000000)]
+    #[schemars(with = "Option<i64>", range(min = 0, max = 1000000000))]
     session: Option<Integer>,
     /// The plant; without it, as the query says.
     plant: Option<PlantId>,
 }
 
 /// A form with files.
-#[derive(Debug, ToSchema)]
+#[derive(Debug, JsonSchema)]
 #[allow(dead_code, reason = "documents a form")]
 pub struct UploadForm {
-    /// CSV files, or CSV files packed with gzip (their names end in `.gz`). Every part with a file name is one, whatever
-    /// the part's own name.
-    #[schema(value_type = Vec<String>, format = Binary)]
+    /// CSV files, or CSV files packed with gzip (their names end in `.gz`). Every part with a file name is one,
+    /// whatever the part's own name.
+    #[schemars(with = "Vec<String>", extend("format" = "binary"))]
     files: Vec<Vec<u8>>,
     /// What the files do not say themselves, file by file; a part of type `application/json`.
-    #[schema(nullable = false)]
     metadata: Option<Vec<FileMetadata>>,
 }
 
-/// A recording as JSON.
-#[derive(Debug, ToSchema)]
-#[schema(as = NewTrial, example = json!({"sample_time_s": 0.02, "r": [0.0, 0.5, 1.0], "u": [0.0, 0.2, 0.4], "y": [0.0, 0.1, 0.3]}))]
-#[allow(dead_code, reason = "documents what the trial reader takes")]
-pub struct NewTrialBody {
-    /// Time between samples, in seconds; may be left out where there is `t`.
-    #[schema(exclusive_minimum = 0)]
-    sample_time_s: Option<f64>,
-    /// Time in seconds.
-    t: Option<Vec<f64>>,
-    /// Command.
-    r: Vec<f64>,
-    /// Control.
-    u: Vec<f64>,
-    /// Output.
-    y: Vec<f64>,
-    /// Disturbance at the plant's input.
-    d: Option<Vec<f64>>,
-}
-
 /// An uploaded trial.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct UploadedTrial {
     #[serde(flatten)]
     trial: TrialView,
     /// The file that it came from, where it was one of a form.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
     file: Option<String>,
     /// Whether this subject had a trial with this content already; that one is shown, and nothing was stored.
     duplicate: bool,
@@ -171,7 +151,7 @@ pub struct UploadedTrial {
 }
 
 /// The trials of a form, in the order of its files.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct UploadedTrials {
     items: Vec<UploadedTrial>,
 }
@@ -184,15 +164,15 @@ enum Kind {
 }
 
 impl Kind {
-    fn of(headers: &HeaderMap) -> Result<Self, Problem> {
+    fn of(headers: &HeaderMap) -> ApiResult<Self> {
         match media_type(headers).as_deref() {
             Some("text/csv") => Ok(Self::Csv),
             Some("application/json") => Ok(Self::Json),
             Some("multipart/form-data") => {
                 let text = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
-                files::boundary(text).map(|boundary| Self::Form { boundary })
+                Ok(Self::Form { boundary: files::boundary(text)? })
             }
-            _ => Err(unsupported(headers, "text/csv, application/json or multipart/form-data")),
+            _ => Err(unsupported(headers, "text/csv, application/json or multipart/form-data").into()),
         }
     }
 }
@@ -206,7 +186,7 @@ impl Kind {
     params(SubjectPath, UploadQuery, IdempotencyHeader),
     request_body(content(
         (String = "text/csv", example = "t,r,u,y\n0.00,0.0,0.0,0.0\n0.02,0.5,0.2,0.1\n0.04,1.0,0.4,0.3\n"),
-        (NewTrialBody = "application/json"), (UploadForm = "multipart/form-data"))),
+        (TrialDocument = "application/json"), (UploadForm = "multipart/form-data"))),
     responses(
         (status = 201, description = "Stored; Location names a single trial. A form is answered by a list.",
             body = inline(Uploaded)),
@@ -280,7 +260,7 @@ pub async fn upload(
 }
 
 /// One trial, or the trials of a form.
-#[derive(Debug, ToSchema)]
+#[derive(Debug, JsonSchema)]
 #[serde(untagged)]
 #[allow(dead_code, clippy::large_enum_variant, reason = "documents the two forms of the answer")]
 pub enum Uploaded {

@@ -2,11 +2,11 @@
 
 use super::tables::Truth;
 use crate::analysis::ids::{StudyId, TrialId};
-use crate::analysis::report::hexadecimal;
 use crate::control::System;
 use crate::learning::frequency_domain::{MetricsError, controller_metrics_of};
 use crate::learning::time_domain::metrics;
 use crate::num::Complex64;
+use crate::num::hexadecimal::hexadecimal;
 use crate::plants::Plant;
 use crate::simulate::SimulatedStudy;
 use crate::simulate::study::Member;
@@ -78,7 +78,8 @@ pub async fn store_study(
     Ok(Stored { study, name, trials })
 }
 
-/// The norms of the controllers that the simulated subjects really have, delay and preview included, in the trials `numbers`.
+/// The norms of the controllers that the simulated subjects really have, delay and preview included, in the trials
+/// `numbers`.
 ///
 /// # Errors
 /// For a band that makes no sense.

@@ -21,8 +21,8 @@ const CELL: usize = 8;
 /// What simulated subjects really did, by pseudonym and trial number.
 pub type Truth = BTreeMap<(String, i64), ControllerMetrics>;
 
-/// Prints a table for each group and quantity: one row per subject, one column per trial, then mean, standard deviation and
-/// number of the shown values, and the mean of the truth where it is known.
+/// Prints a table for each group and quantity: one row per subject, one column per trial, then mean, standard deviation
+/// and number of the shown values, and the mean of the truth where it is known.
 ///
 /// # Errors
 /// Where `out` cannot be written.
@@ -143,9 +143,12 @@ pub fn print_reading(out: &mut impl Write, curves: &StudyLearningCurves) -> io::
     }
     writeln!(
         out,
-        "\nReading: from the first to the last trial shown, ‖Gff G − 1‖ went on average {}, and fell in {fell} of {all} \
-         subjects. The subjects are simulated, so the rows \"true mean\" say what is to be found: with the command as the \
-         only stimulus, feedforward and feedback are told apart poorly, and single values err, those of ‖Gfb‖ most. This \
+        "\nReading: from the first to the last trial shown, ‖Gff G − 1‖ went on average {}, and fell in {fell} of \
+         {all} \
+         subjects. The subjects are simulated, so the rows \"true mean\" say what is to be found: with the command as \
+         the \
+         only stimulus, feedforward and feedback are told apart poorly, and single values err, those of ‖Gfb‖ most. \
+         This \
          shows what the method sees of a change that is there, not how people learn.",
         parts.join(" and ")
     )

@@ -1,8 +1,8 @@
 //! The index of a folder of trials: which file is which trial of whom.
 //!
-//! A CSV index has a header with the columns `file`, `subject` and `trial`, and where wanted `group`, `session`, `plant` and
-//! `display_limit`. A JSON index is an array of objects with the same members, and may give the plant by `plant_num`,
-//! `plant_den` and `plant_sample_time_s`. Other columns are kept as they are.
+//! A CSV index has a header with the columns `file`, `subject` and `trial`, and where wanted `group`, `session`,
+//! `plant` and `display_limit`. A JSON index is an array of objects with the same members, and may give the plant by
+//! `plant_num`, `plant_den` and `plant_sample_time_s`. Other columns are kept as they are.
 
 use crate::control::model::TransferFunctionModel;
 use anyhow::{Context as _, bail};
@@ -174,8 +174,8 @@ fn integer(name: &str, text: Option<String>) -> Result<Option<i64>, String> {
     text.map(|t| t.parse().map_err(|_| format!("the {name} {t:?} is no whole number"))).transpose()
 }
 
-/// `plant_num`, `plant_den` and `plant_sample_time_s`, where they are lists and a number. In a CSV index these are plain
-/// columns and stay what they are.
+/// `plant_num`, `plant_den` and `plant_sample_time_s`, where they are lists and a number. In a CSV index these are
+/// plain columns and stay what they are.
 fn model(record: &mut Map<String, Value>) -> Result<Option<TransferFunctionModel>, String> {
     if !record.get("plant_num").is_some_and(Value::is_array) {
         return Ok(None);

@@ -4,9 +4,9 @@ use super::index::{Index, Refused, Row};
 use super::plant_text;
 use crate::analysis::Problem;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId};
-use crate::analysis::report::hexadecimal;
 use crate::control::Model;
 use crate::learning::time_domain::metrics;
+use crate::num::hexadecimal::hexadecimal;
 use crate::plants::catalogue;
 use crate::store::{
     Created, NewPlant, NewStudy, NewSubject, NewTrial, Page, Plant, Store, StoreError, Study, Subject, SubjectPatch,
@@ -93,7 +93,8 @@ pub async fn find_or_create_study(store: &Store, name: &str, display_limit: Opti
     };
     match display_limit {
         Some(limit) if study.display_limit != Some(limit) => bail!(
-            "the study {name:?} has the display limit {:?}, and {limit} is asked for; change the study or leave the limit out",
+            "the study {name:?} has the display limit {:?}, and {limit} is asked for; change the study or leave the \
+             limit out",
             study.display_limit
         ),
         _ => Ok(study),
@@ -275,7 +276,8 @@ impl<'a> Loader<'a> {
         Ok(id)
     }
 
-    /// Writes the other columns into the subjects' attributes, beside what stands there; not at all where nothing changes.
+    /// Writes the other columns into the subjects' attributes, beside what stands there; not at all where nothing
+    /// changes.
     async fn keep_extras(&mut self) -> anyhow::Result<()> {
         for (code, extras) in std::mem::take(&mut self.extras) {
             let Some(subject) = self.subjects.get(&code) else { continue };
@@ -288,7 +290,7 @@ impl<'a> Loader<'a> {
                 let patch = SubjectPatch { attributes: Some(attributes), ..SubjectPatch::default() };
                 // Whoever changed the subject meanwhile must not lose what was written.
                 self.store
-                    .patch_subject(subject.id, patch, Some(subject.version))
+                    .change::<Subject>(subject.id, patch, Some(subject.version))
                     .await
                     .with_context(|| format!("the trials are stored, but not the other columns of subject {code}"))?;
             }

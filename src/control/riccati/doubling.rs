@@ -1,8 +1,9 @@
-//! Structure-preserving doubling (Chu, Fan, Lin and Wang, Int. J. Control 77, 767–788, 2004; Chu, Fan and Lin, Linear Algebra
-//! Appl. 396, 55–80, 2005).
+//! Structure-preserving doubling (Chu, Fan, Lin and Wang, Int. J. Control 77, 767–788, 2004; Chu, Fan and Lin, Linear
+//! Algebra Appl. 396, 55–80, 2005).
 
 use super::Riccati;
-use crate::control::lyapunov::{Clock, symmetric};
+use crate::control::lyapunov::Clock;
+use crate::num::linalg::symmetric;
 use nalgebra::DMatrix;
 
 /// Doublings at most: 2⁶⁰ steps of the fixed-point iteration.
@@ -12,8 +13,8 @@ const CONVERGED: f64 = 1e-14;
 
 /// An approximation of the stabilising solution; `None` where a matrix on the way is singular or numbers overflow.
 ///
-/// `E ← E(I + GH)⁻¹E`, `G ← G + E(I + GH)⁻¹GEᵀ`, `H ← H + EᵀH(I + GH)⁻¹E`, and H tends to P. In sampled time the start is
-/// (A, BR⁻¹Bᵀ, Q), in continuous time its Cayley transform.
+/// `E ← E(I + GH)⁻¹E`, `G ← G + E(I + GH)⁻¹GEᵀ`, `H ← H + EᵀH(I + GH)⁻¹E`, and H tends to P. In sampled time the start
+/// is (A, BR⁻¹Bᵀ, Q), in continuous time its Cayley transform.
 #[must_use]
 pub fn doubling(equation: &Riccati) -> Option<DMatrix<f64>> {
     let n = equation.a.nrows();

@@ -1,16 +1,17 @@
 //! Algebraic Riccati equations.
 //!
 //! Two methods that share no step, structure-preserving doubling ([`doubling()`]) and the matrix sign function
-//! ([`sign_function`]), start [`newton()`], whose answer is accepted only with a stable closed loop and a small residual.
+//! ([`sign_function`]), start [`newton()`], whose answer is accepted only with a stable closed loop and a small
+//! residual.
 #![allow(non_snake_case)]
 
 mod doubling;
 mod newton;
 mod sign;
 
-use super::lyapunov::{Clock, LinearEquationError, symmetric};
+use super::lyapunov::{Clock, LinearEquationError};
 use super::structural::{self, StructuralError};
-use crate::num::linalg::NoConvergence;
+use crate::num::linalg::{NoConvergence, solve_symmetric, symmetric};
 pub use doubling::doubling;
 use nalgebra::DMatrix;
 pub use newton::{Newton, newton};
@@ -21,13 +22,14 @@ pub use sign::sign_function;
 pub const SYMMETRY: f64 = 1e-10;
 /// A weight is positive semidefinite where its least eigenvalue is above minus this share of its largest.
 pub const SEMIDEFINITE: f64 = 1e-12;
-/// Relative residual up to which a solution is accepted. Random equations end at 1e-15; this is for loops whose fast poles are 1e9 times
-/// their slow ones, where A is lost in A − BK.
+/// Relative residual up to which a solution is accepted. Random equations end at 1e-15; this is for loops whose fast
+/// poles are 1e9 times their slow ones, where A is lost in A − BK.
 pub const RESIDUAL: f64 = 1e-6;
 
 /// The equation `AᵀP + PA − PBR⁻¹BᵀP + Q = 0`, in sampled time `AᵀPA − P − AᵀPB(R + BᵀPB)⁻¹BᵀPA + Q = 0`.
 ///
-/// With n states and m inputs A and Q are n×n, B is n×m and R is m×m; the sizes agree, Q and R are exactly symmetric, R ≻ 0.
+/// With n states and m inputs A and Q are n×n, B is n×m and R is m×m; the sizes agree, Q and R are exactly symmetric, R
+/// ≻ 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Riccati {
     pub(crate) a: DMatrix<f64>,
@@ -144,8 +146,7 @@ fn check_symmetric(matrix: &'static str, value: &DMatrix<f64>) -> Result<DMatrix
 }
 
 /// The least and the largest eigenvalue of a symmetric matrix; zeros of an empty one.
-#[must_use]
-pub fn extreme_eigenvalues(m: &DMatrix<f64>) -> (f64, f64) {
+fn extreme_eigenvalues(m: &DMatrix<f64>) -> (f64, f64) {
     if m.is_empty() {
         return (0.0, 0.0);
     }
@@ -199,8 +200,9 @@ impl Riccati {
     /// The stabilising solution.
     ///
     /// # Errors
-    /// [`RiccatiError::Structure`] where (A, B) is not stabilisable, or Q does not see a mode on the boundary of stability (no
-    /// solution is stabilising then); [`RiccatiError::Unsolved`] where rounding leaves no method a solution.
+    /// [`RiccatiError::Structure`] where (A, B) is not stabilisable, or Q does not see a mode on the boundary of
+    /// stability (no solution is stabilising then); [`RiccatiError::Unsolved`] where rounding leaves no method a
+    /// solution.
     pub fn solve(&self) -> Result<RiccatiSolution, RiccatiError> {
         let mut last = RiccatiError::Unsolved { reason: "no method converged", residual: f64::INFINITY };
         for method in [doubling, sign_function] {
@@ -278,12 +280,4 @@ impl Riccati {
     fn input_weight(&self) -> DMatrix<f64> {
         symmetric(&(&self.b * solve_symmetric(&self.r, &self.b.transpose())))
     }
-}
-
-/// `M⁻¹X` for a symmetric M: by Cholesky where it is definite, by LU otherwise; NaN where it is singular.
-pub(crate) fn solve_symmetric(m: &DMatrix<f64>, x: &DMatrix<f64>) -> DMatrix<f64> {
-    if let Some(factor) = m.clone().cholesky() {
-        return factor.solve(x);
-    }
-    m.clone().lu().solve(x).unwrap_or_else(|| DMatrix::from_element(x.nrows(), x.ncols(), f64::NAN))
 }

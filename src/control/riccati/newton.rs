@@ -28,8 +28,8 @@ pub struct Newton {
 /// The iteration ends at rounding level: where a step no longer becomes smaller.
 ///
 /// # Errors
-/// [`RiccatiError::Unsolved`] where the gain does not stabilise, [`RiccatiError::Linear`] where a closed loop is so close to the
-/// boundary of stability that its equation is singular.
+/// [`RiccatiError::Unsolved`] where the gain does not stabilise, [`RiccatiError::Linear`] where a closed loop is so
+/// close to the boundary of stability that its equation is singular.
 pub fn newton(equation: &Riccati, stabilising: &DMatrix<f64>) -> Result<Newton, RiccatiError> {
     let not_finite = RiccatiError::Unsolved { reason: "numbers overflow", residual: f64::INFINITY };
     let mut k = stabilising.clone();

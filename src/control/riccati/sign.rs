@@ -1,7 +1,9 @@
-//! The matrix sign function (Roberts 1971, Int. J. Control 32, 677–687, 1980; Byers, Linear Algebra Appl. 85, 267–279, 1987).
+//! The matrix sign function (Roberts 1971, Int. J. Control 32, 677–687, 1980; Byers, Linear Algebra Appl. 85, 267–279,
+//! 1987).
 
 use super::Riccati;
-use crate::control::lyapunov::{Clock, symmetric};
+use crate::control::lyapunov::Clock;
+use crate::num::linalg::symmetric;
 use nalgebra::DMatrix;
 
 /// Newton steps at most.
@@ -9,11 +11,11 @@ const STEPS: usize = 80;
 /// A step that moves the matrix by less than this share of its norm is the last.
 const CONVERGED: f64 = 1e-13;
 
-/// An approximation of the stabilising solution from the stable invariant subspace of the Hamiltonian matrix; `None` where the
-/// iteration breaks down or numbers overflow.
+/// An approximation of the stabilising solution from the stable invariant subspace of the Hamiltonian matrix; `None`
+/// where the iteration breaks down or numbers overflow.
 ///
-/// In sampled time the symplectic pencil `M − λN` with `M = [A 0; −Q I]`, `N = [I BR⁻¹Bᵀ; 0 Aᵀ]` goes to `(M + N)⁻¹(M − N)`, whose
-/// eigenvalues `(λ − 1)/(λ + 1)` lie in the left half plane for |λ| < 1; A may be singular.
+/// In sampled time the symplectic pencil `M − λN` with `M = [A 0; −Q I]`, `N = [I BR⁻¹Bᵀ; 0 Aᵀ]` goes to `(M + N)⁻¹(M −
+/// N)`, whose eigenvalues `(λ − 1)/(λ + 1)` lie in the left half plane for |λ| < 1; A may be singular.
 #[must_use]
 pub fn sign_function(equation: &Riccati) -> Option<DMatrix<f64>> {
     let n = equation.a.nrows();

@@ -19,7 +19,8 @@ struct Outward {
 
 /// From the best gain without limits, which may be far from what they allow.
 const FROM_TOP: Outward = Outward { steps: 16, first: 0.004 };
-/// From the last gain that kept the limits: what two of them leave between them may be so narrow that longer steps pass it by.
+/// From the last gain that kept the limits: what two of them leave between them may be so narrow that longer steps pass
+/// it by.
 const FROM_NEAR: Outward = Outward { steps: 25, first: 1e-5 };
 /// How much longer each step is.
 const GROWTH: f64 = 1.6;
@@ -55,7 +56,8 @@ impl Task<'_> {
         super::search::value(self.design, &self.space.compensator(x))
     }
 
-    /// In all unknowns at once, then along the edges where it ended, then in the gain alone; stability is all that is kept.
+    /// In all unknowns at once, then along the edges where it ended, then in the gain alone; stability is all that is
+    /// kept.
     ///
     /// # Errors
     /// [`Stopped`].
@@ -86,8 +88,8 @@ impl Task<'_> {
         stopped.map_or(Ok((x, value)), Err)
     }
 
-    /// In the corners, where each pair has the best gain near the last one that keeps the limits. That profile is smooth where a climb in all
-    /// unknowns would run against the limit as against a wall.
+    /// In the corners, where each pair has the best gain near the last one that keeps the limits. That profile is
+    /// smooth where a climb in all unknowns would run against the limit as against a wall.
     ///
     /// # Errors
     /// [`Stopped`].

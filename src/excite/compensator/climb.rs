@@ -5,8 +5,8 @@ const STEPS: usize = 400;
 /// The simplex is as good as a point when it is this small, in the logarithms of the unknowns.
 const SMALL: f64 = 1e-7;
 
-/// The method of Nelder and Mead (Computer Journal 7, 1965) for a maximum within a box, from a simplex of the given size; points outside
-/// the box are moved to its nearest point, and values of −∞ mark what may not be taken.
+/// The method of Nelder and Mead (Computer Journal 7, 1965) for a maximum within a box, from a simplex of the given
+/// size; points outside the box are moved to its nearest point, and values of −∞ mark what may not be taken.
 ///
 /// Restarted once from its answer, with a smaller simplex.
 pub(super) fn climb(

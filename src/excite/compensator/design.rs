@@ -6,12 +6,13 @@ use crate::excite::motion::{Motion, MotionLimits, MotionSummary};
 use crate::excite::path::{Path, PathError, SampledPlant, pole_hints};
 use crate::excite::peak::{Peak, resonance, supremum};
 use crate::num::{Complex64, Polynomial};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
-use utoipa::ToSchema;
 
-/// `C(s) = K (s + 2πf_z)/(s + 2πf_p)`: a lead where f_z < f_p, a lag where f_z > f_p, proportional where they are equal.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+/// `C(s) = K (s + 2πf_z)/(s + 2πf_p)`: a lead where f_z < f_p, a lag where f_z > f_p, proportional where they are
+/// equal.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Compensator {
     /// K, in force per position: the gain at high frequency.
     pub gain: f64,
@@ -28,7 +29,8 @@ impl Compensator {
         Self { gain, zero_hz: 1.0, pole_hz: 1.0 }
     }
 
-    /// Numerator and denominator in z by Tustin's substitution (Qiu 2021, before equation 17); constants for equal corners.
+    /// Numerator and denominator in z by Tustin's substitution (Qiu 2021, before equation 17); constants for equal
+    /// corners.
     fn coefficients(&self, time: Discrete) -> (Vec<f64>, Vec<f64>) {
         if self.zero_hz == self.pole_hz {
             return (vec![self.gain], vec![1.0]);
@@ -51,29 +53,31 @@ impl Compensator {
 }
 
 /// What a design must keep beside stability.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(rename = "CompensatorLimits")]
 pub struct DesignLimits {
-    /// Peak of the position.
+    /// Peak of the position, in its unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position: Option<f64>,
-    /// Peak of the velocity.
+    /// Peak of the velocity, in the unit of the position per second.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub velocity: Option<f64>,
-    /// Peak of the acceleration.
+    /// Peak of the acceleration, in the unit of the position per second squared.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub acceleration: Option<f64>,
     /// Peak of the force that the controller asks for, in N.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force: Option<f64>,
-    /// Peak of the mechanical power.
+    /// Peak of the mechanical power, in W where the position is in m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub power: Option<f64>,
     /// ‖S P‖∞, in position per force: how far a person's force may push the device aside.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub disturbance_norm: Option<f64>,
-    /// The slowest decay of the closed loop, 1/s; 0 for stability alone. Default: π times the distance of neighbouring lines in Hz, so that no
-    /// resonance is narrower than that and hides between lines, and the loop settles within a period.
+    /// The slowest decay of the closed loop, 1/s; 0 for stability alone. Default: π times the distance of neighbouring
+    /// lines in Hz, so that no resonance is narrower than that and hides between lines, and the loop settles within a
+    /// period.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decay_per_s: Option<f64>,
 }
@@ -101,7 +105,8 @@ impl DesignLimits {
     }
 }
 
-/// The loop that a compensator is chosen for: a plant, the lines of the reference in the band, and the reference itself.
+/// The loop that a compensator is chosen for: a plant, the lines of the reference in the band, and the reference
+/// itself.
 #[derive(Debug, Clone)]
 pub struct Design {
     plant: SampledPlant,
@@ -254,8 +259,8 @@ impl Design {
         })
     }
 
-    /// The peak force over the reference, or the first that exceeds `enough`, by a filter in plain arithmetic, for comparing many
-    /// compensators; the answer's own is computed by [`Design::motion`].
+    /// The peak force over the reference, or the first that exceeds `enough`, by a filter in plain arithmetic, for
+    /// comparing many compensators; the answer's own is computed by [`Design::motion`].
     fn quick_force(&self, compensator: &Compensator, enough: f64) -> f64 {
         let (num, _) = compensator.coefficients(self.plant.time());
         let closed = self.loop_polynomial(compensator);

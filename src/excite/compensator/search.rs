@@ -2,6 +2,7 @@
 
 use super::ascent::Task;
 use super::design::{Compensator, Design, DesignLimits};
+use super::edge::Edge;
 use super::space::{EDGE, Space};
 use crate::control::bode::log_grid;
 use crate::ctl::{Ctl, Stopped};
@@ -49,7 +50,8 @@ pub enum DesignError {
     },
     /// Nothing stable in the box keeps the limits.
     #[error(
-        "none of the {stable} stable compensators that were tried keeps the limits together; each by itself reaches at least: {reached}"
+        "none of the {stable} stable compensators that were tried keeps the limits together; each by itself reaches \
+         at least: {reached}"
     )]
     Limits {
         /// Stable points of the grid.
@@ -75,8 +77,8 @@ pub struct SearchSummary {
     pub agreeing: usize,
     /// The best value of a climb that ended elsewhere.
     pub runner_up: Option<(Compensator, f64)>,
-    /// Edges of the box that hold the answer: `gain`, `zero_hz` or `pole_hz`, each with `lower` or `upper`, or `zero_below_pole`.
-    pub edges: Vec<(&'static str, &'static str)>,
+    /// Edges of the box that hold the answer.
+    pub edges: Vec<Edge>,
 }
 
 /// The answer of a search.

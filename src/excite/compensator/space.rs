@@ -1,6 +1,7 @@
 //! The box that is searched.
 
 use super::design::Compensator;
+use super::edge::{Edge, End, Unknown};
 use super::search::SearchBox;
 
 /// An unknown within this distance (of its logarithm) from an edge is on it.
@@ -45,21 +46,22 @@ impl Space {
     }
 
     /// The edges that a point lies on.
-    pub fn edges(&self, x: &[f64]) -> Vec<(&'static str, &'static str)> {
+    pub fn edges(&self, x: &[f64]) -> Vec<Edge> {
         let mut edges = Vec::new();
-        for (i, name) in ["gain", "zero_hz", "pole_hz"].into_iter().enumerate().take(self.bounds.len()) {
+        let unknowns = [Unknown::Gain, Unknown::ZeroHz, Unknown::PoleHz];
+        for (i, unknown) in unknowns.into_iter().enumerate().take(self.bounds.len()) {
             let [low, high] = self.bounds[i];
             if high - low < EDGE {
                 continue;
             }
             if x[i] - low < EDGE {
-                edges.push((name, "lower"));
+                edges.push(Edge { unknown, end: End::Lower });
             } else if high - x[i] < EDGE {
-                edges.push((name, "upper"));
+                edges.push(Edge { unknown, end: End::Upper });
             }
         }
         if self.corners && self.zero_below_pole && x[2] - x[1] < EDGE {
-            edges.push(("zero_below_pole", "equal"));
+            edges.push(Edge { unknown: Unknown::ZeroBelowPole, end: End::Equal });
         }
         edges
     }

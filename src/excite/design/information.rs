@@ -2,11 +2,12 @@
 
 use super::responses::{Response, Responses};
 use nalgebra::{DMatrix, DVector};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// A measure of information, which a design makes as large as it can. With `M` the Fisher matrix and `σᵢ` the scale of a parameter:
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "DesignCriterion")]
 #[serde(rename_all = "snake_case")]
 pub enum Criterion {
     /// `tr M` (Priess 2015, eq. 5.6). It depends on the units of the parameters: the most sensitive ones decide.

@@ -2,17 +2,15 @@
 
 use super::error::SequenceError;
 use super::field::Base;
-use super::sampled::{Period, Sequence, whole};
+use super::sampled::{Period, Sequence, SequenceDetails, whole};
 use crate::ctl::Ctl;
 use crate::num::rng::stream;
 use rand::RngExt;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
-use std::collections::BTreeMap;
-use utoipa::ToSchema;
 
 /// What a signal does between the chips.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ChipHold {
     /// It keeps the chip's value (zero-order hold).
@@ -20,35 +18,41 @@ pub enum ChipHold {
     Zero,
     /// It goes straight from chip to chip (first-order hold).
     Linear,
-    /// It is the integral of the held chips over time, from 0: chips are velocities, as in Peterka 2002. Ternary sequences only.
+    /// It is the integral of the held chips over time, from 0: chips are velocities, as in Peterka 2002. Ternary
+    /// sequences only.
     Integrated,
 }
 
 /// Which primitive polynomial.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
+#[schemars(rename = "PrimitivePolynomial")]
 pub enum Polynomial {
     /// Its place, from 0, among all of its order, in lexicographic order of the coefficients c₀, c₁, ….
+    #[schemars(title = "PolynomialIndex")]
     Index(u64),
     /// The coefficients c₀ … c_{n−1} of the recurrence `s[t+n] = Σ cᵢ s[t+i]` over GF(3) or GF(2).
+    #[schemars(title = "PolynomialCoefficients")]
     Coefficients(Vec<u8>),
 }
 
 /// A PRTS or a PRBS as written in JSON.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ShiftRegister {
     /// Length n of the shift register: 3ⁿ − 1 (2 to 12) or 2ⁿ − 1 chips (2 to 20).
     pub order: u32,
     /// Length of a chip in seconds.
     pub chip_s: f64,
-    /// Chips are −amplitude, 0 and +amplitude (ternary), or ∓amplitude for the digits 0 and 1 (binary). Default: 1.
+    /// Chips are −amplitude, 0 and +amplitude (ternary), or ∓amplitude for the digits 0 and 1 (binary), in the unit of
+    /// the signal. Default: 1.
     #[serde(default = "one")]
     pub amplitude: f64,
     /// The primitive polynomial, by index or by coefficients. Default: 0, or drawn where there is a seed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub polynomial: Option<Polynomial>,
-    /// Chips that are skipped of the sequence that starts from the state 0 … 0 1. Default: 0, or drawn where there is a seed.
+    /// Chips that are skipped of the sequence that starts from the state 0 … 0 1. Default: 0, or drawn where there is a
+    /// seed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub phase_chips: Option<u64>,
     /// Draws polynomial and phase where they are not given.
@@ -199,8 +203,8 @@ impl ShiftRegister {
         };
         let seconds = self.period_s(base);
         let period = Period { seconds, samples: per_chip.map(|r| r * length) };
-        // A ternary sequence's second half is its first with the sign changed, so even harmonics vanish; every hold has its zeros
-        // at the multiples of 1/chip, where the sample time does not fold other lines.
+        // A ternary sequence's second half is its first with the sign changed, so even harmonics vanish; every hold has
+        // its zeros at the multiples of 1/chip, where the sample time does not fold other lines.
         let nyquist = seconds / (2.0 * sample_time_s);
         let harmonics = per_chip.map(|_| {
             let step = if base == Base::Three { 2 } else { 1 };
@@ -210,11 +214,12 @@ impl ShiftRegister {
                 .filter(|n| n % length != 0)
                 .collect()
         });
-        let details = BTreeMap::from([
-            ("polynomial", json!(coefficients)),
-            ("phase_chips", json!(phase)),
-            ("chips", json!(length)),
-        ]);
+        let details = SequenceDetails {
+            polynomial: Some(coefficients),
+            phase_chips: Some(phase),
+            chips: Some(length),
+            ..SequenceDetails::default()
+        };
         Ok(Sequence { sample_time_s, values, period: Some(period), harmonics, chip_s: Some(self.chip_s), details })
     }
 }

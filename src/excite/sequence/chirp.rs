@@ -1,15 +1,14 @@
 //! Chirps: sinusoids whose frequency sweeps.
 
 use super::error::SequenceError;
-use super::sampled::Sequence;
+use super::sampled::{Sequence, SequenceDetails};
 use crate::simulate::reference_signals;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::f64::consts::PI;
-use utoipa::ToSchema;
 
 /// A chirp of a published study.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum ChirpPreset {
     /// [`reference_signals::chirp80_at`]: 80 s, up from 0.1 Hz and down again with shrinking and growing amplitude.
     #[serde(rename = "zhang2015_section_3_2")]
@@ -20,8 +19,9 @@ pub enum ChirpPreset {
 }
 
 /// How the frequency goes from one end to the other.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "ChirpSweep")]
 pub enum Sweep {
     /// In equal steps: `f(t) = f₀ + (f₁ − f₀) t/D`.
     #[default]
@@ -31,7 +31,7 @@ pub enum Sweep {
 }
 
 /// A chirp as written in JSON: a preset, or `x(t) = A sin(2π ∫₀ᵗ f + φ)` for t in [0, D].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Chirp {
     /// A published chirp, in place of everything below.
@@ -49,7 +49,7 @@ pub struct Chirp {
     /// Linear or logarithmic. Default: linear.
     #[serde(default)]
     pub sweep: Sweep,
-    /// Amplitude; of a preset, a factor. Default: 1.
+    /// Amplitude in the unit of the signal; of a preset, a factor. Default: 1.
     #[serde(default = "one")]
     pub amplitude: f64,
     /// Phase at the start, rad. Default: 0.
@@ -132,6 +132,13 @@ impl Chirp {
 
     pub(super) fn sample(&self, sample_time_s: f64) -> Sequence {
         let values = reference_signals::sampled(sample_time_s, self.duration_s(), |t| self.at(t));
-        Sequence { sample_time_s, values, period: None, harmonics: None, chip_s: None, details: BTreeMap::new() }
+        Sequence {
+            sample_time_s,
+            values,
+            period: None,
+            harmonics: None,
+            chip_s: None,
+            details: SequenceDetails::default(),
+        }
     }
 }

@@ -10,7 +10,8 @@ const TAPS: usize = 24;
 /// Singular values below this share of the largest are dependence, not information.
 const DEPENDENT: f64 = 1e-10;
 
-/// `R(j) = Σ_k x_k x_{k+j}/N` for j = 0 … `lags − 1` of a periodic signal, given one period of N samples; j runs around.
+/// `R(j) = Σ_k x_k x_{k+j}/N` for j = 0 … `lags − 1` of a periodic signal, given one period of N samples; j runs
+/// around.
 #[must_use]
 pub fn periodic_autocorrelation(period: &[f64], lags: usize) -> Vec<f64> {
     let n = period.len();
@@ -22,8 +23,8 @@ pub fn periodic_autocorrelation(period: &[f64], lags: usize) -> Vec<f64> {
     (0..lags).map(|j| one[j % n] / n as f64).collect()
 }
 
-/// `R(j) = Σ_{k ≥ j} x_k x_{k−j}` for j = 0 … `lags − 1`, the sum over what the record holds (Priess 2015, equation 5.8), not divided
-/// by the number of terms.
+/// `R(j) = Σ_{k ≥ j} x_k x_{k−j}` for j = 0 … `lags − 1`, the sum over what the record holds (Priess 2015, equation
+/// 5.8), not divided by the number of terms.
 #[must_use]
 pub fn autocorrelation(record: &[f64], lags: usize) -> Vec<f64> {
     let n = record.len();
@@ -38,11 +39,12 @@ pub fn autocorrelation(record: &[f64], lags: usize) -> Vec<f64> {
     (0..lags).map(|j| around.get(j).map_or(0.0, |r| r * scale)).collect()
 }
 
-/// The share of a signal's variance that the best linear predictor explains `horizon` samples ahead, from 24 values of the past that are
-/// `spacing` samples apart: `R² = ρᵀ P⁻¹ ρ / R(0)` with `P_ij = R((i − j)·spacing)` and `ρ_i = R(horizon + i·spacing)`.
+/// The share of a signal's variance that the best linear predictor explains `horizon` samples ahead, from 24 values of
+/// the past that are `spacing` samples apart: `R² = ρᵀ P⁻¹ ρ / R(0)` with `P_ij = R((i − j)·spacing)` and `ρ_i =
+/// R(horizon + i·spacing)`.
 ///
-/// `around` is the autocorrelation of the signal without its mean, for at least `horizon + 23·spacing + 1` lags. 0 for a signal that
-/// nothing predicts, 1 for a sinusoid; 0 for a constant.
+/// `around` is the autocorrelation of the signal without its mean, for at least `horizon + 23·spacing + 1` lags. 0 for
+/// a signal that nothing predicts, 1 for a sinusoid; 0 for a constant.
 ///
 /// # Errors
 /// [`NoConvergence`] where the singular values cannot be found.

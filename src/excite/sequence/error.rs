@@ -66,7 +66,8 @@ pub enum SequenceError {
     },
     /// Coefficients whose sequence is shorter than the longest.
     #[error(
-        "the coefficients {coefficients:?} are not primitive over GF({base}): their sequence repeats before {length} chips"
+        "the coefficients {coefficients:?} are not primitive over GF({base}): their sequence repeats before {length} \
+         chips"
     )]
     NotPrimitive {
         /// As given.
@@ -100,7 +101,8 @@ pub enum SequenceError {
     },
     /// The integral of a sequence whose chips do not sum to zero drifts from period to period.
     #[error(
-        "a binary sequence has one chip more of one sign than of the other, so that its integral drifts: only ternary ones are integrated"
+        "a binary sequence has one chip more of one sign than of the other, so that its integral drifts: only ternary \
+         ones are integrated"
     )]
     Integrated,
     /// A frequency that the sample time cannot represent.

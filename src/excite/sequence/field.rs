@@ -1,8 +1,8 @@
 //! Primitive polynomials over GF(2) and GF(3), and the sequences of maximum length that they generate.
 //!
-//! A recurrence `s[t+n] = c₀ s[t] + c₁ s[t+1] + … + c_{n−1} s[t+n−1]` over GF(p) repeats after pⁿ − 1 digits, the longest
-//! possible, exactly where its polynomial `f(x) = xⁿ − c_{n−1} xⁿ⁻¹ − … − c₀` is primitive: where x has the order pⁿ − 1 modulo f
-//! (Golomb, *Shift Register Sequences*, 1967). There are φ(pⁿ − 1)/n such polynomials.
+//! A recurrence `s[t+n] = c₀ s[t] + c₁ s[t+1] + … + c_{n−1} s[t+n−1]` over GF(p) repeats after pⁿ − 1 digits, the
+//! longest possible, exactly where its polynomial `f(x) = xⁿ − c_{n−1} xⁿ⁻¹ − … − c₀` is primitive: where x has the
+//! order pⁿ − 1 modulo f (Golomb, *Shift Register Sequences*, 1967). There are φ(pⁿ − 1)/n such polynomials.
 
 use crate::ctl::{Ctl, Stopped};
 use crate::num::rng::Stream;

@@ -1,7 +1,8 @@
 //! Sequences: maximum-length pseudorandom ones, multisines, chirps and filtered noise, sampled at any rate.
 //!
-//! A [`SequenceSpec`] is written in JSON and checked into a [`CheckedSequence`]; sampling that gives a [`Sequence`] with its exact period
-//! and the lines that carry its power. Equal specs give equal samples, on every machine: whatever is drawn comes from the spec's seed.
+//! A [`SequenceSpec`] is written in JSON and checked into a [`CheckedSequence`]; sampling that gives a [`Sequence`]
+//! with its exact period and the lines that carry its power. Equal specs give equal samples, on every machine: whatever
+//! is drawn comes from the spec's seed.
 
 mod chips;
 mod chirp;
@@ -19,7 +20,7 @@ pub use chirp::{Chirp, ChirpPreset, Sweep};
 pub use error::SequenceError;
 pub use multisine::{Harmonics, Interleave, Multisine, Phases, PowerProfile};
 pub use noise::{Butterworth, FilteredNoise, Screen, tukey};
-pub use sampled::{Period, Sequence};
+pub use sampled::{Period, Sequence, SequenceDetails};
 pub use spec::{CheckedSequence, Generator, Scale, SequenceSpec};
 
 /// Samples of a sequence at most.

@@ -1,7 +1,7 @@
 //! Multisines: sums of sinusoids on multiples of a base line.
 
 use super::error::SequenceError;
-use super::sampled::{Period, Sequence, whole};
+use super::sampled::{Period, Sequence, SequenceDetails, whole};
 use crate::ctl::Ctl;
 use crate::num::Complex64;
 use crate::num::fourier;
@@ -9,11 +9,9 @@ use crate::num::least_squares::{LeastSquares, LeastSquaresError, Options, minimi
 use crate::num::rng::stream;
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
-use std::collections::BTreeMap;
 use std::f64::consts::PI;
-use utoipa::ToSchema;
 
 /// Lines of a multisine at most.
 const MAX_LINES: usize = 1_000;
@@ -31,22 +29,27 @@ const POLISHED_LINES: usize = 64;
 const EXPONENTS: [i32; 5] = [2, 4, 8, 16, 32];
 
 /// Which multiples of the base line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
+#[schemars(rename = "MultisineHarmonics")]
 pub enum Harmonics {
     /// These, increasing.
+    #[schemars(title = "ListedHarmonics")]
     List(Vec<u64>),
     /// The prime multiples within a band, so that few sums and multiples of lines fall on lines.
+    #[schemars(title = "PrimeHarmonics")]
     Primes {
         /// The band in Hz, ends included.
         primes: [f64; 2],
     },
     /// The odd multiples within a band: even distortions of the system fall between them.
+    #[schemars(title = "OddHarmonics")]
     Odd {
         /// The band in Hz, ends included.
         odd: [f64; 2],
     },
     /// All multiples within a band.
+    #[schemars(title = "AllHarmonics")]
     All {
         /// The band in Hz, ends included.
         all: [f64; 2],
@@ -54,8 +57,9 @@ pub enum Harmonics {
 }
 
 /// A share of the lines, so that several stimuli can be told apart: every `of`-th of the chosen lines.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "MultisineInterleave")]
 pub struct Interleave {
     /// Which stimulus, from 0.
     pub part: usize,
@@ -64,41 +68,47 @@ pub struct Interleave {
 }
 
 /// The phases of the lines.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "MultisinePhases")]
 pub enum Phases {
     /// Uniform, from the seed.
     #[default]
     Random,
-    /// Schroeder's, which sweep through the lines: `φ_k = −2π Σ_{j<k} (k − j) p_j` with the lines' shares p of the power.
+    /// Schroeder's, which sweep through the lines: `φ_k = −2π Σ_{j<k} (k − j) p_j` with the lines' shares p of the
+    /// power.
     Schroeder,
     /// Those of the lowest crest factor that was found.
     CrestOptimised,
     /// These, in rad.
+    #[schemars(title = "GivenPhases")]
     Rad(Vec<f64>),
 }
 
 /// How power is shared out among the lines.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "MultisinePower")]
 pub enum PowerProfile {
     /// Alike.
     #[default]
     Flat,
-    /// Full power up to a frequency and a part of it above ("reduced power"): the person answers as to a slow signal, and the fast lines
-    /// can still be read.
+    /// Full power up to a frequency and a part of it above ("reduced power"): the person answers as to a slow signal,
+    /// and the fast lines can still be read.
+    #[schemars(title = "ReducedPower")]
     Reduced {
         /// The last frequency with full power, Hz.
         above_hz: f64,
-        /// Power of the lines above, as a share of the others'.
+        /// Power of the lines above, as a share of the others', dimensionless.
         power_ratio: f64,
     },
     /// Amplitude of each line in units of the multisine's `amplitude`.
+    #[schemars(title = "GivenAmplitudes")]
     Amplitudes(Vec<f64>),
 }
 
 /// A multisine as written in JSON: `x(t) = Σ a_k cos(2π n_k f₀ t + φ_k)`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Multisine {
     /// The base line f₀ in Hz; the period is 1/f₀.
@@ -114,7 +124,7 @@ pub struct Multisine {
     /// `flat`, `{"reduced": {"above_hz", "power_ratio"}}` or `{"amplitudes": [..]}`. Default: flat.
     #[serde(default)]
     pub power: PowerProfile,
-    /// Amplitude of a line with full power. Default: 1.
+    /// Amplitude of a line with full power, in the unit of the signal. Default: 1.
     #[serde(default = "one")]
     pub amplitude: f64,
     /// Seed of random phases, and of the starts of the crest's optimisation. Default: 1.
@@ -278,8 +288,8 @@ impl Multisine {
                 values
             }
         };
-        let details =
-            BTreeMap::from([("phases_rad", json!(phases)), ("crest_factor", json!(crest_factor(&lines, &phases)))]);
+        let crest_factor = Some(crest_factor(&lines, &phases));
+        let details = SequenceDetails { phases_rad: Some(phases), crest_factor, ..SequenceDetails::default() };
         let harmonics = Some(lines.iter().map(|line| line.harmonic as usize).collect());
         Ok(Sequence { sample_time_s, values, period: Some(period), harmonics, chip_s: None, details })
     }
@@ -289,9 +299,9 @@ impl Multisine {
         lines.iter().map(|_| 2.0 * PI * random.random::<f64>()).collect()
     }
 
-    /// The phases of the lowest crest factor found from Schroeder's and random starts: swaps between the clipped signal and its amplitudes
-    /// (Van der Ouderaa, Schoukens and Renneboog 1988), and for few lines Gauss-Newton steps on p-norms of growing p after them
-    /// (Guillaume, Schoukens, Pintelon and Kollár 1991).
+    /// The phases of the lowest crest factor found from Schroeder's and random starts: swaps between the clipped signal
+    /// and its amplitudes (Van der Ouderaa, Schoukens and Renneboog 1988), and for few lines Gauss-Newton steps on
+    /// p-norms of growing p after them (Guillaume, Schoukens, Pintelon and Kollár 1991).
     fn optimised(&self, lines: &[Line], ctl: &Ctl) -> Result<Vec<f64>, SequenceError> {
         let mut best: Option<(f64, Vec<f64>)> = None;
         for start in 0..=STARTS {

@@ -1,15 +1,14 @@
-//! Filtered noise: white noise through a Butterworth low-pass, limited, and tapered by a Tukey window (Priess 2015, section 2.2.2).
+//! Filtered noise: white noise through a Butterworth low-pass, limited, and tapered by a Tukey window (Priess 2015,
+//! section 2.2.2).
 
 use super::error::SequenceError;
-use super::sampled::Sequence;
+use super::sampled::{Sequence, SequenceDetails};
 use crate::ctl::{Ctl, Stopped};
 use crate::num::rng::stream;
 use rand_distr::{Distribution as _, StandardNormal};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::json;
-use std::collections::BTreeMap;
 use std::f64::consts::PI;
-use utoipa::ToSchema;
 
 /// The largest order of a filter.
 const MAX_ORDER: usize = 200;
@@ -19,8 +18,9 @@ const SETTLING: f64 = 12.0;
 const BATCH: usize = 1 << 15;
 
 /// A screen on which the signal is shown: `ρ = atan2(w x, d)` turns a place x on it into an angle in rad.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "NoiseScreen")]
 pub struct Screen {
     /// Width w of the screen, m.
     pub width_m: f64,
@@ -29,7 +29,7 @@ pub struct Screen {
 }
 
 /// Filtered noise as written in JSON.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FilteredNoise {
     /// The edge of the pass band, Hz.
@@ -45,16 +45,16 @@ pub struct FilteredNoise {
     pub attenuation_db: f64,
     /// Length, s.
     pub duration_s: f64,
-    /// Standard deviation after the filter, before the limit. Default: 0.25.
+    /// Standard deviation after the filter, before the limit, in the unit of the signal. Default: 0.25.
     #[serde(default = "deviation")]
     pub rms: f64,
-    /// What is larger is cut to this magnitude; null for none. Default: 0.5.
+    /// What is larger is cut to this magnitude, in the unit of the signal; null for none. Default: 0.5.
     #[serde(default = "limit")]
     pub limit: Option<f64>,
     /// The screen that turns it into an angle; none by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub screen: Option<Screen>,
-    /// Share of the record at each end over which a Tukey window brings it to zero. Default: 0.1.
+    /// Share of the record at each end over which a Tukey window brings it to zero, dimensionless. Default: 0.1.
     #[serde(default = "taper")]
     pub taper: f64,
     /// Seed of the noise. Default: 1.
@@ -147,7 +147,11 @@ impl FilteredNoise {
         for (k, value) in values.iter_mut().enumerate() {
             *value *= tukey(k, samples, self.taper);
         }
-        let details = BTreeMap::from([("filter_order", json!(filter.order())), ("cutoff_hz", json!(filter.cutoff_hz))]);
+        let details = SequenceDetails {
+            filter_order: Some(filter.order()),
+            cutoff_hz: Some(filter.cutoff_hz),
+            ..SequenceDetails::default()
+        };
         Ok(Sequence { sample_time_s, values, period: None, harmonics: None, chip_s: None, details })
     }
 }
@@ -161,7 +165,8 @@ pub fn tukey(k: usize, samples: usize, taper: f64) -> f64 {
     if edge > 0.0 && from_end < edge { 0.5 * (1.0 - (PI * from_end / edge).cos()) } else { 1.0 }
 }
 
-/// A digital Butterworth low-pass as a chain of sections of second order, by Tustin's substitution with prewarped edges.
+/// A digital Butterworth low-pass as a chain of sections of second order, by Tustin's substitution with prewarped
+/// edges.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Butterworth {
     /// The frequency of −3 dB, Hz.
@@ -181,8 +186,8 @@ struct Section {
 }
 
 impl Butterworth {
-    /// The filter of least order that loses at most `ripple_db` at the first edge and at least `attenuation_db` at the second; it meets
-    /// the latter exactly.
+    /// The filter of least order that loses at most `ripple_db` at the first edge and at least `attenuation_db` at the
+    /// second; it meets the latter exactly.
     ///
     /// # Errors
     /// [`SequenceError::AboveNyquist`], [`SequenceError::FilterOrder`], or an attenuation that is not above the ripple.

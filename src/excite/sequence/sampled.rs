@@ -1,6 +1,7 @@
 //! A sequence as samples.
 
-use std::collections::BTreeMap;
+use schemars::JsonSchema;
+use serde::Serialize;
 
 /// After how long a sequence repeats.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,13 +21,40 @@ pub struct Sequence {
     pub values: Vec<f64>,
     /// The period, where there is one.
     pub period: Option<Period>,
-    /// The multiples of 1/period below the Nyquist frequency that carry power, increasing and without 0 Hz; `None` where structure
-    /// does not tell (every line may). Known by construction, never by the size of a computed number.
+    /// The multiples of 1/period below the Nyquist frequency that carry power, increasing and without 0 Hz; `None`
+    /// where structure does not tell (every line may). Known by construction, never by the size of a computed number.
     pub harmonics: Option<Vec<usize>>,
     /// Length of the pieces in which the signal is constant or straight, s: of pseudorandom sequences.
     pub chip_s: Option<f64>,
-    /// What was chosen or drawn on the way (polynomial, phase, filter order), for reports.
-    pub details: BTreeMap<&'static str, serde_json::Value>,
+    /// What was chosen or drawn on the way, for reports.
+    pub details: SequenceDetails,
+}
+
+/// What was chosen or drawn in making a sequence; what its generator does not have is left out.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, JsonSchema)]
+pub struct SequenceDetails {
+    /// The coefficients c₀ … c_{n−1} of the recurrence `s[t+n] = Σ cᵢ s[t+i]` over GF(3) or GF(2), of a pseudorandom
+    /// sequence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub polynomial: Option<Vec<u8>>,
+    /// Chips that were skipped, of a pseudorandom sequence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub phase_chips: Option<u64>,
+    /// Chips of a period, of a pseudorandom sequence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub chips: Option<usize>,
+    /// The phase of every line in rad, of a multisine.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub phases_rad: Option<Vec<f64>>,
+    /// Peak over root mean square of the signal in continuous time, dimensionless, of a multisine.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub crest_factor: Option<f64>,
+    /// The order of the low-pass, of filtered noise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub filter_order: Option<usize>,
+    /// Where the low-pass is 3 dB down in Hz, of filtered noise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cutoff_hz: Option<f64>,
 }
 
 impl Sequence {

@@ -9,12 +9,13 @@ use super::multisine::Multisine;
 use super::noise::{FilteredNoise, tukey};
 use super::sampled::{Sequence, whole};
 use crate::ctl::Ctl;
-use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize, Serializer};
 
 /// What makes a sequence.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "snake_case")]
+#[schemars(rename = "SequenceGenerator")]
 pub enum Generator {
     /// Pseudorandom ternary sequence of maximum length.
     Prts(ShiftRegister),
@@ -29,19 +30,22 @@ pub enum Generator {
 }
 
 /// A size that the samples are brought to.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "SequenceScale")]
 pub enum Scale {
-    /// The largest magnitude of a sample.
+    /// The largest magnitude of a sample, in the unit of the signal.
+    #[schemars(title = "PeakScale")]
     Peak(f64),
-    /// The root mean square of the samples.
+    /// The root mean square of the samples, in the unit of the signal.
+    #[schemars(title = "RmsScale")]
     Rms(f64),
 }
 
 /// A sampled sequence as written in JSON.
 ///
 /// In this order: the generator, `scale`, `offset`, `clip`, `taper`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SequenceSpec {
     /// What makes it.
@@ -57,13 +61,13 @@ pub struct SequenceSpec {
     /// `{"peak": x}` or `{"rms": x}`. Default: as generated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale: Option<Scale>,
-    /// Added to every sample. Default: 0.
+    /// Added to every sample, in the unit of the signal. Default: 0.
     #[serde(default)]
     pub offset: f64,
-    /// Least and largest value; what is beyond is cut.
+    /// Least and largest value in the unit of the signal; what is beyond is cut. Default: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clip: Option<[f64; 2]>,
-    /// Share of the record at each end over which a Tukey window brings it to zero. Default: 0.
+    /// Share of the record at each end over which a Tukey window brings it to zero, dimensionless. Default: 0.
     #[serde(default)]
     pub taper: f64,
 }
@@ -186,6 +190,13 @@ impl SequenceSpec {
         } else {
             Err(SequenceError::Length { samples, most: MAX_SAMPLES })
         }
+    }
+}
+
+impl Serialize for CheckedSequence {
+    /// As [`CheckedSequence::spec`].
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.spec.serialize(serializer)
     }
 }
 

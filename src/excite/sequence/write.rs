@@ -2,7 +2,8 @@
 
 use std::io::{self, Write};
 
-/// Writes `t` and the named columns, one row per sample, as RFC 4180 has it; every number reads back as the same double.
+/// Writes `t` and the named columns, one row per sample, as RFC 4180 has it; every number reads back as the same
+/// double.
 ///
 /// There are as many rows as the shortest column has samples.
 ///

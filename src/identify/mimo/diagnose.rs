@@ -1,5 +1,5 @@
-//! Whether the data tell feedback and feedforward apart; see [`identifiability`](crate::identify::identifiability), of which this is the
-//! multivariable form.
+//! Whether the data tell feedback and feedforward apart; see [`identifiability`](crate::identify::identifiability), of
+//! which this is the multivariable form.
 //!
 //! With `E = Dfb + Nfb Gv` and `Q = E⁻¹ (Nfb + Dfb Gff)`, the response from command to control, the modelled response
 //! `G̃ = Gy Q` changes by `Gy E⁻¹ Dfb δGff`, by `Gy E⁻¹ δNfb (I − Gv Q)` and by `Gy E⁻¹ δDfb (Gff − Q)`.
@@ -19,8 +19,8 @@ struct Derivatives {
     feedback: Vec<Vec<f64>>,
 }
 
-/// The derivatives of the modelled response, by the coefficients of the feedforward (control, command and power of 1/z, in this order)
-/// and by those coefficients of the feedback that the pool leaves open. `None` where the loop is
+/// The derivatives of the modelled response, by the coefficients of the feedforward (control, command and power of 1/z,
+/// in this order) and by those coefficients of the feedback that the pool leaves open. `None` where the loop is
 /// singular at a line.
 fn derivatives(
     lines: &Lines,

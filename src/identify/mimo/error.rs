@@ -71,7 +71,8 @@ pub enum MimoError {
     },
     /// Fewer outputs than controls: the feedforward is not determined.
     #[error(
-        "Gy is {measured}x{controls}: with fewer measured outputs than controls, several feedforwards have the same response \
+        "Gy is {measured}x{controls}: with fewer measured outputs than controls, several feedforwards have the same \
+         response \
          (Zhang 2015, proposition 4.1)"
     )]
     FewOutputs {
@@ -90,7 +91,8 @@ pub enum MimoError {
     },
     /// The loop has no delay.
     #[error(
-        "row {row} (counted from 0) of the feedback has a numerator of degree {numerator} over a denominator of degree {denominator}, \
+        "row {row} (counted from 0) of the feedback has a numerator of degree {numerator} over a denominator of degree \
+         {denominator}, \
          and {why}: Gfb Gv must be strictly proper (Zhang 2015, assumption A3.1)"
     )]
     NotStrictlyProper {
@@ -113,7 +115,8 @@ pub enum MimoError {
     },
     /// More data and coefficients than their diagnosis can hold.
     #[error(
-        "{lines} lines of {measured}x{fed_back} responses and {unknowns} unknown coefficients make a matrix of derivatives with \
+        "{lines} lines of {measured}x{fed_back} responses and {unknowns} unknown coefficients make a matrix of \
+         derivatives with \
          {entries} entries; at most {MOST_DERIVATIVES} are taken"
     )]
     TooManyDerivatives {
@@ -153,7 +156,8 @@ pub enum MimoError {
         unknowns: usize,
     },
     /// No candidate stabilises the plant.
-    #[error("none of the {listed} feedback candidates has a stable closed loop within |z| < {radius}{}", hidden_text(.hidden))]
+    #[error("none of the {listed} feedback candidates has a stable closed loop within |z| < \
+        {radius}{}", hidden_text(.hidden))]
     NoneStable {
         /// Candidates.
         listed: u128,

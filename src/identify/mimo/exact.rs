@@ -94,9 +94,9 @@ impl Problem {
             .collect()
     }
 
-    /// Fits the feedforward to one feedback (Zhang 2015, equations 4.8 to 4.10): with `E = Dfb + Nfb Gv` the modelled response is
-    /// `Gy E⁻¹ (Nfb + Dfb Gff)`, linear in Gff. Columns are orthogonalised by modified Gram and Schmidt, twice; the
-    /// columns of Gff share them. `None` where E is singular at a line or a value is not finite.
+    /// Fits the feedforward to one feedback (Zhang 2015, equations 4.8 to 4.10): with `E = Dfb + Nfb Gv` the modelled
+    /// response is `Gy E⁻¹ (Nfb + Dfb Gff)`, linear in Gff. Columns are orthogonalised by modified Gram and Schmidt,
+    /// twice; the columns of Gff share them. `None` where E is singular at a line or a value is not finite.
     #[must_use]
     pub fn fit(&self, pool: &FeedbackPool, coefficients: &[Vec<f64>]) -> Option<Fit> {
         let fraction = pool.fraction(coefficients, self.time);

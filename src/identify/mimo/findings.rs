@@ -23,13 +23,15 @@ pub(super) fn findings(found: &Identified, plant: &Plant, settings: &Settings) -
     for (code, words, lines) in grouped(&found.dropped) {
         say(code, format!("left out at {lines} rad/s: {words}"));
     }
-    // Two closed loops differ by a rational matrix whose numerator has at most this degree (after Zhang 2015, proposition 4.3).
+    // Two closed loops differ by a rational matrix whose numerator has at most this degree (after Zhang 2015,
+    // proposition 4.3).
     let wanted = 2 * (plant.system.states() + pool.states()) + settings.feedforward_order;
     if found.lines.len() <= wanted {
         say(
             "few_lines",
             format!(
-                "{} frequency lines; more than {wanted} are needed to make sure that controllers with the same response at the lines \
+                "{} frequency lines; more than {wanted} are needed to make sure that controllers with the same \
+                 response at the lines \
                  have the same closed loop (Zhang 2015, proposition 4.3)",
                 found.lines.len()
             ),
@@ -55,7 +57,8 @@ pub(super) fn findings(found: &Identified, plant: &Plant, settings: &Settings) -
         say(
             "feedback_not_determined",
             format!(
-                "a change of the feedback can be undone by the feedforward, so that the response is the same whatever the feedback is \
+                "a change of the feedback can be undone by the feedforward, so that the response is the same whatever \
+                 the feedback is \
                  (Zhang 2015, example 4.1): {numbers}. Of all such feedbacks of the pool the first one is reported"
             ),
         );
@@ -63,7 +66,8 @@ pub(super) fn findings(found: &Identified, plant: &Plant, settings: &Settings) -
         say(
             "feedback_poorly_determined",
             format!(
-                "the response to the commands cannot tell two controllers apart but by their assumed degrees, and here it hardly does: {numbers}. \
+                "the response to the commands cannot tell two controllers apart but by their assumed degrees, and here \
+                 it hardly does: {numbers}. \
                  Feedback and feedforward of much the same cost may differ a lot"
             ),
         );
@@ -71,7 +75,8 @@ pub(super) fn findings(found: &Identified, plant: &Plant, settings: &Settings) -
         say(
             "feedback_from_structure",
             format!(
-                "feedback and feedforward are told apart only by their assumed degrees (Zhang 2015, example 4.1 and assumption A3.5); {numbers}. \
+                "feedback and feedforward are told apart only by their assumed degrees (Zhang 2015, example 4.1 and \
+                 assumption A3.5); {numbers}. \
                  They describe the modelled loop on the known plant, which is no proof about the person"
             ),
         );
@@ -81,7 +86,8 @@ pub(super) fn findings(found: &Identified, plant: &Plant, settings: &Settings) -
         say(
             "near_optimal_candidates",
             format!(
-                "{}{} candidates of the pool cost at most {:.0} % more than the best one, or cannot be told from it by rounding",
+                "{}{} candidates of the pool cost at most {:.0} % more than the best one, or cannot be told from it by \
+                 rounding",
                 if optimum.near_optimal_is_capped { "more than " } else { "" },
                 optimum.near_optimal,
                 100.0 * NEAR
@@ -108,7 +114,8 @@ pub(super) fn findings(found: &Identified, plant: &Plant, settings: &Settings) -
         say(
             "ill_conditioned_coefficients",
             format!(
-                "the coefficients as written give the cost {:.6e} instead of {:.6e}: the feedforward is too high in order \
+                "the coefficients as written give the cost {:.6e} instead of {:.6e}: the feedforward is too high in \
+                 order \
                  for its lines to be written in powers of 1/z",
                 found.cost_of_coefficients, optimum.fit.cost
             ),

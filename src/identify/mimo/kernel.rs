@@ -1,21 +1,23 @@
 //! The fast evaluation of many candidates that share all rows but the last one.
 //!
-//! With `E = Dfb + Nfb Gv` and `X = Nfb + Dfb Gff` the weighted residual at a line is `R E⁻¹ X − T` (R, T: [`Line`](super::lines::Line)). Let the upper
-//! rows E_u of E be fixed, ñ the unit null vector of `E_u R⁻¹` and P̃ its pseudo-inverse. With the last row e of E and
-//! `g = e R⁻¹ ñ`, `f = e R⁻¹ P̃`
+//! With `E = Dfb + Nfb Gv` and `X = Nfb + Dfb Gff` the weighted residual at a line is `R E⁻¹ X − T` (R, T:
+//! [`Line`](super::lines::Line)). Let the upper rows E_u of E be fixed, ñ the unit null vector of `E_u R⁻¹` and P̃ its
+//! pseudo-inverse. With the last row e of E and `g = e R⁻¹ ñ`, `f = e R⁻¹ P̃`
 //!
 //! `R E⁻¹ X − T = [P̃ X_u − (I − ñ ñ*) T] + ñ [(x − f X_u)/g − ñ* T]`, the two brackets being orthogonal.
 //!
 //! The first does not depend on the last row; the second is one weighted equation `(y Gff − τ)/g` per command, with
-//! `y = [−f, 1] Dfb` and `τ = ñ* T g − [−f, 1] Nfb`. Since g and f are affine in the last row's coefficients, a candidate costs a few
-//! products per line, and the normal equations in the orthonormal basis follow from weighted sums of `y* y` and `y* τ`.
+//! `y = [−f, 1] Dfb` and `τ = ñ* T g − [−f, 1] Nfb`. Since g and f are affine in the last row's coefficients, a
+//! candidate costs a few products per line, and the normal equations in the orthonormal basis follow from weighted sums
+//! of `y* y` and `y* τ`.
 //!
 //! # Bound
-//! A sum of N terms errs by γ = (N + p + 32) ε of the sum of the moduli of what it is made of. Let C be `Σ S_τ²/|g|²` with S_τ the sum of the
-//! moduli of the terms of τ before they cancel, B the same for `y` times the largest basis function, both with the share of the fixed
-//! bracket. J then errs by at most `4γ κ (1 + σ) Σ_j (√C + √B ‖x_j‖₁)²`, where `σ = max S_g/|g|` is the cancellation in g and κ the condition of R and
-//! of the fixed rows, through which f and g are computed; the minimum of a quadratic moves by no more than its perturbation at
-//! either minimiser. Where the scaled normal equations are nearly singular nothing is claimed and orthogonalisation decides.
+//! A sum of N terms errs by γ = (N + p + 32) ε of the sum of the moduli of what it is made of. Let C be `Σ S_τ²/|g|²`
+//! with S_τ the sum of the moduli of the terms of τ before they cancel, B the same for `y` times the largest basis
+//! function, both with the share of the fixed bracket. J then errs by at most `4γ κ (1 + σ) Σ_j (√C + √B ‖x_j‖₁)²`,
+//! where `σ = max S_g/|g|` is the cancellation in g and κ the condition of R and of the fixed rows, through which f and
+//! g are computed; the minimum of a quadratic moves by no more than its perturbation at either minimiser. Where the
+//! scaled normal equations are nearly singular nothing is claimed and orthogonalisation decides.
 
 mod null;
 mod solve;
@@ -82,6 +84,7 @@ pub(super) struct Scratch {
     sums: Sums<V>,
     matrix: Vec<V>,
     scale: Vec<V>,
+    inverse: Vec<V>,
     x: Vec<V>,
     y: Vec<(V, V)>,
     f: Vec<(V, V)>,
@@ -228,6 +231,7 @@ impl<'a> Fixed<'a> {
             sums: Sums::new(shape, [0.0; LANES]),
             matrix: vec![[0.0; LANES]; p * p],
             scale: vec![[0.0; LANES]; p],
+            inverse: vec![[0.0; LANES]; p],
             x: vec![[0.0; LANES]; p * shape.commands],
             y: vec![pair; shape.controls],
             f: vec![pair; shape.controls],

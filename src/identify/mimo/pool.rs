@@ -9,9 +9,9 @@ use crate::num::Polynomial;
 
 /// Feedback controllers `Gfb = Dfb⁻¹ Nfb` with m controls and l fed-back outputs whose coefficients lie on grids.
 ///
-/// Row i of Dfb is `z^{d_i}` on the diagonal plus terms of lower degree, so that Dfb is row reduced; Zhang 2015, section 4.3, has
-/// all `d_i` equal. Candidates are counted with the first coefficient outermost: row by row; within a row the entries of Nfb from left to right,
-/// then those of Dfb, each in descending powers.
+/// Row i of Dfb is `z^{d_i}` on the diagonal plus terms of lower degree, so that Dfb is row reduced; Zhang 2015,
+/// section 4.3, has all `d_i` equal. Candidates are counted with the first coefficient outermost: row by row; within a
+/// row the entries of Nfb from left to right, then those of Dfb, each in descending powers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FeedbackPool {
     rows: Vec<Row>,
@@ -94,8 +94,8 @@ fn check_shape(matrix: &AxisMatrix, rows: usize, columns: usize, field: &str) ->
 }
 
 impl FeedbackPool {
-    /// From the axes of Nfb (m×l; an entry without axes is 0) and of Dfb (m×m; `z^d` with the d axes of a diagonal entry,
-    /// at most d axes beside it; `None`: the identity). `margin` is the stability margin in 1/s.
+    /// From the axes of Nfb (m×l; an entry without axes is 0) and of Dfb (m×m; `z^d` with the d axes of a diagonal
+    /// entry, at most d axes beside it; `None`: the identity). `margin` is the stability margin in 1/s.
     ///
     /// # Errors
     /// [`PoolSpecError`], with field names `feedback_numerator/ROW/COLUMN/COEFFICIENT` behind `field`.
@@ -143,7 +143,8 @@ impl FeedbackPool {
                     let field = format!("{of_denominator}/{i}/{j}");
                     if entry.len() > degree {
                         let message = format!(
-                            "the entry has {} coefficients, and the diagonal entry of its row {degree}: the diagonal must have the highest power",
+                            "the entry has {} coefficients, and the diagonal entry of its row {degree}: the diagonal \
+                             must have the highest power",
                             entry.len()
                         );
                         return Err(wrong(field, message));
@@ -263,7 +264,8 @@ impl FeedbackPool {
                         Entry::Denominator(j) => ("denominator", j),
                     };
                     edges.push(format!(
-                        "the coefficient of z^{} in row {i}, column {j} of the feedback's {name} is {value}, at the end of its axis",
+                        "the coefficient of z^{} in row {i}, column {j} of the feedback's {name} is {value}, at the \
+                         end of its axis",
                         coefficient.power
                     ));
                 }

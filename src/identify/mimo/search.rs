@@ -23,7 +23,8 @@ pub struct Optimum {
     pub pool_size: u64,
     /// Candidates decided by orthogonalisation.
     pub decided_by_qr: u64,
-    /// Candidates, the best one included, whose cost is at most `1 + NEAR` times the best one's, or cannot be told from that by rounding.
+    /// Candidates, the best one included, whose cost is at most `1 + NEAR` times the best one's, or cannot be told from
+    /// that by rounding.
     pub near_optimal: u64,
     /// Whether there are more than that: counting stops at [`MOST_NEAR`].
     pub near_optimal_is_capped: bool,
@@ -74,10 +75,12 @@ struct Found {
     open: Vec<Open>,
 }
 
-/// Finds the candidate with the smallest cost of all stable ones, and of several with the same cost the first: costs are those of
-/// [`Problem::fit`], and costs that are zero but for rounding are equal. `None` where no candidate is stable.
+/// Finds the candidate with the smallest cost of all stable ones, and of several with the same cost the first: costs
+/// are those of [`Problem::fit`], and costs that are zero but for rounding are equal. `None` where no candidate is
+/// stable.
 ///
-/// Progress is in listed candidates. Runs on the rayon pool that it is called in, with the same answer for any number of threads.
+/// Progress is in listed candidates. Runs on the rayon pool that it is called in, with the same answer for any number
+/// of threads.
 ///
 /// # Errors
 /// [`Stopped`] when `ctl` says so.

@@ -1,12 +1,14 @@
 //! Closed-loop stability of candidates by the determinant polynomial.
 //!
-//! With `X = [Dfb Nfb]` (m×(m+l)) and `Y = [D; Nv]` ((m+l)×m) the closed loop's polynomial is `ψ = det(Dfb D + Nfb Nv) = det(X Y)`
-//! (Zhang 2015, assumption A3.3), and by Cauchy and Binet `ψ = Σ_S det X_S · det Y_S` over all choices S of m columns of X. The
-//! minors of Y belong to the plant alone. Expanding det X_S along its last row makes ψ, with the upper rows fixed, an affine function of the
-//! last row's coefficients, which is how candidates are tested. For a plant in state space `a det([I; Gv]_S)` stands in for
-//! det Y_S, with `a = det(zI − A)`; it is a polynomial as well, the determinant of a system matrix.
+//! With `X = [Dfb Nfb]` (m×(m+l)) and `Y = [D; Nv]` ((m+l)×m) the closed loop's polynomial is
+//! `ψ = det(Dfb D + Nfb Nv) = det(X Y)` (Zhang 2015, assumption A3.3), and by Cauchy and Binet
+//! `ψ = Σ_S det X_S · det Y_S` over all choices S of m columns of X. The minors of Y belong to the plant alone.
+//! Expanding det X_S along its last row makes ψ, with the upper rows fixed, an affine function of the last row's
+//! coefficients, which is how candidates are tested. For a plant in state space `a det([I; Gv]_S)` stands in for det
+//! Y_S, with `a = det(zI − A)`; it is a polynomial as well, the determinant of a system matrix.
 //!
-//! Every coefficient carries a bound of its rounding error, so that a root on the boundary to working precision is not stable.
+//! Every coefficient carries a bound of its rounding error, so that a root on the boundary to working precision is not
+//! stable.
 
 use super::pool::{Entry, FeedbackPool};
 use crate::control::stability::is_schur_within_errors;

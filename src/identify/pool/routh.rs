@@ -144,8 +144,15 @@ mod tests {
     use super::*;
     use crate::num::Polynomial;
     use proptest::prelude::*;
+    use proptest::test_runner::RngSeed;
+
+    fn from_seed() -> ProptestConfig {
+        ProptestConfig { rng_seed: RngSeed::Fixed(5), failure_persistence: None, ..ProptestConfig::default() }
+    }
 
     proptest! {
+        #![proptest_config(from_seed())]
+
         #[test]
         fn agrees_with_the_roots(coefficients in proptest::collection::vec(-3.0..6.0_f64, 1..12), step in -2.0..2.0_f64) {
             let added: Vec<f64> = coefficients.iter().rev().map(|c| step * c).collect();

@@ -1,7 +1,7 @@
 //! Pools as people write them; the module `unfold` checks them.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
-use utoipa::ToSchema;
 
 /// The candidate pool: the name of a published one, a published one thinned, or one's own grid.
 ///
@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 /// - `{"name": .., "thin": {..}}`: the same with every n-th element of its lists;
 /// - `{"grid": {..}, "stability_margin": ..}`: coefficients on grids, as in Zhang 2015, examples 2.2 to 2.5 and 4.5;
 /// - `{"roots": {..}, "stability_margin": ..}`: poles, zeros and peak gains on grids, as in its appendices.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[serde(untagged)]
 pub enum PoolSpec {
     /// A published pool, complete.
@@ -23,7 +23,7 @@ pub enum PoolSpec {
 }
 
 /// The published pools.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum PoolName {
     /// Zhang 2015, appendix B: continuous time, poles and zeros up to 25 rad/s, peak gains up to 30.5 over 0.1 to 0.4 Hz,
     /// stability margin 0.1 1/s.
@@ -39,7 +39,7 @@ pub enum PoolName {
 }
 
 /// A published pool with every n-th element of its lists.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ThinnedPool {
     /// Which pool.
@@ -50,7 +50,7 @@ pub struct ThinnedPool {
 }
 
 /// How lists are thinned: every n-th element is kept, the first one always. Zero gain is always kept.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Thin {
     /// Real poles and natural frequencies of poles of the feedback controller, and of the feedforward controller where
@@ -74,7 +74,7 @@ impl Default for Thin {
 }
 
 /// Whether a pool's controllers are continuous or sampled.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TimeBaseName {
     /// Polynomials in `s`.
@@ -84,7 +84,7 @@ pub enum TimeBaseName {
 }
 
 /// Controllers whose coefficients lie on grids.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GridPool {
     /// The grids.
@@ -98,7 +98,7 @@ pub struct GridPool {
 }
 
 /// Grids of coefficients.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Grid {
     /// Coefficients of the monic feedforward denominator after the leading one. Default: no denominator, which is a polynomial in
@@ -113,7 +113,7 @@ pub struct Grid {
 }
 
 /// Coefficients in descending powers: one axis for each (the first is outermost), or every combination written out.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Coefficients {
     /// One axis per coefficient.
@@ -123,7 +123,7 @@ pub enum Coefficients {
 }
 
 /// Combinations of coefficients, written out.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ListedCoefficients {
     /// Equally long rows of coefficients in descending powers.
@@ -131,7 +131,7 @@ pub struct ListedCoefficients {
 }
 
 /// Controllers whose poles, zeros and peak gains lie on grids.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RootsPool {
     /// The grids.
@@ -151,7 +151,7 @@ impl RootsPool {
 }
 
 /// Grids of poles, zeros and peak gains. In sampled time poles and zeros are matched by `z = e^{λT}`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Roots {
     /// Poles of the feedforward controller. Default: none, which is a polynomial in `s`, or an FIR filter in sampled time.
@@ -181,7 +181,7 @@ impl Roots {
 }
 
 /// Real roots and conjugate pairs in rad/s, as continuous-time exponents.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RootGrid {
     /// Real roots. Default: none.
@@ -196,7 +196,7 @@ pub struct RootGrid {
 }
 
 /// Numbers: written out, or as a range.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Axis {
     /// Written out.
@@ -213,7 +213,7 @@ impl Default for Axis {
 
 /// Equally spaced numbers, both ends included. Values are rounded to 12 decimal digits of the largest, so that
 /// `{"from": -8, "to": 8, "step": 0.1}` holds 5.4 and not 5.400000000000001.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Range {
     /// First value.

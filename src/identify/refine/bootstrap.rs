@@ -11,14 +11,14 @@ use crate::num::rng;
 use num_complex::Complex64;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Draws that must have converged for quantiles at 2.5 and 97.5 %.
 const FEWEST: usize = 40;
 
 /// Draws at one line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct BootstrapBand {
     /// Angular frequency in rad/s.
     pub omega_rad_s: f64,
@@ -29,7 +29,7 @@ pub struct BootstrapBand {
 }
 
 /// What the draws gave.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Bootstrap {
     /// Draws asked for.
     pub draws: usize,

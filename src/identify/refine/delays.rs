@@ -11,9 +11,9 @@ use super::{RefineError, Refinement, Setup, Start};
 use crate::control::delay::{is_stable_continuous, is_stable_sampled, largest_real_part};
 use crate::ctl::Ctl;
 use crate::identify::time::{Time, multiply};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-use utoipa::ToSchema;
 
 /// Points of a scan over a range.
 const SCAN: usize = 9;
@@ -73,7 +73,7 @@ impl DelayValue {
 }
 
 /// A pair of delays that was tried.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ScanPoint {
     /// Of the feedback.
     pub feedback_delay_s: f64,

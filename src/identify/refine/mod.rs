@@ -92,7 +92,7 @@ pub enum RefineError {
 }
 
 /// A constraint that holds the optimum back.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ActiveConstraint {
     /// A pole of the feedforward lies on the stability margin.

@@ -17,14 +17,14 @@ use crate::ctl::{Ctl, Stopped};
 use crate::identify::problem::{Line, Lines, Problem};
 use crate::num::least_squares::{self, LeastSquaresError, Options};
 use crate::response::Fold;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Lines this near (relative) are the same.
 const SAME_LINE: f64 = 1e-9;
 
 /// What a structure costs.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Criteria {
     /// Free coefficients.
     pub unknowns: usize,

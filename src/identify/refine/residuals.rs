@@ -15,8 +15,8 @@ use crate::num::rng;
 use nalgebra::DVector;
 use num_complex::Complex64;
 use rand_distr::{Distribution, StandardNormal};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Draws of the simulated distribution of the lag-one correlation.
 const DRAWS: usize = 999;
@@ -25,7 +25,7 @@ const DRAWS: usize = 999;
 const FEWEST_LINES: usize = 5;
 
 /// The tests.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ResidualTests {
     /// J over what the noise leaves on average after the fit: above 1 where the model misses something.
     pub power_ratio: f64,

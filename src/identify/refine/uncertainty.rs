@@ -17,8 +17,8 @@ use crate::num::distributions::student_t;
 use crate::num::linalg;
 use nalgebra::{DMatrix, DVector, RowDVector};
 use num_complex::Complex64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// Probability that bands and intervals hold.
 pub const LEVEL: f64 = 0.95;
@@ -51,7 +51,7 @@ pub struct Noise {
 }
 
 /// Why there is no interval.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Unavailable {
     /// The refinement did not converge.
@@ -69,7 +69,7 @@ pub enum Unavailable {
 }
 
 /// An estimated coefficient or delay.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Parameter {
     /// For instance `feedback_denominator[1]`: coefficients in descending powers from 0, or `feedback_delay_s`.
     pub name: String,
@@ -84,7 +84,7 @@ pub struct Parameter {
 }
 
 /// A frequency response at one line with its pointwise 95 % band.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Band {
     /// Angular frequency in rad/s.
     pub omega_rad_s: f64,
@@ -101,7 +101,7 @@ pub struct Band {
 }
 
 /// Covariance and bands.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Uncertainty {
     /// Probability that an interval or a band at one line holds, 0.95.
     pub level: f64,

@@ -1,73 +1,29 @@
 //! The search for the best candidate of a pool.
+//!
+//! | folder | holds |
+//! |---|---|
+//! | `simd` | what the kernels share: lanes of two precisions, packed LDLᵀ, dispatch by the sizes of the half-bases |
+//! | `screen` | what a search is asked and answers; one candidate by QR; every candidate by normal equations |
+//! | `factored` | branch and bound over candidates as products of poles, zeros and gains |
+//! | `sensitivity` | branch and bound over clusters of controllers of like sensitivity |
+//!
+//! Each uses those before it. [`Automatic`] chooses among them, and asks for pools and their trees where its caller
+//! keeps them.
 
 mod automatic;
-mod block;
-mod decide;
-pub mod exact;
-mod exhaustive;
-mod kernel;
-pub mod listed;
-mod near;
-pub mod shelf;
-pub mod tree;
+pub mod factored;
+mod keys;
+pub mod prepared;
+pub mod screen;
+pub mod sensitivity;
+pub(crate) mod simd;
 
-use super::pool::{Pool, PoolError, Recipe};
-use super::problem::Problem;
-use crate::control::System;
-use crate::ctl::{Ctl, Stopped};
-pub use automatic::{Automatic, Method, Origins, Shared, Tally};
-pub use exhaustive::Exhaustive;
-pub use listed::{Cells, Listed};
-pub use near::MOST_NEAR;
-pub use shelf::{Key, Shelf};
-use std::sync::Arc;
-pub use tree::{BranchAndBound, Prepared};
-
-/// Candidates whose cost is within this share of the best one's are counted.
-pub const NEAR: f64 = 0.01;
-
-/// An exact search: whatever way it takes, its answer is the candidate with the smallest cost of *all* candidates, and of several
-/// with the same cost (in `f64`, by [`exact::fit`]) the one with the lowest index.
-///
-/// Runs on the rayon pool that it is called in, and gives the same answer for any number of threads.
-pub trait Search {
-    /// Makes the pool on a plant. A search that keeps pools for the trials of a study gives the kept one.
-    ///
-    /// # Errors
-    /// [`PoolError`].
-    fn pool(&self, recipe: &Recipe, plant: &System, ctl: &Ctl) -> Result<Arc<Pool>, PoolError> {
-        recipe.build(plant, ctl).map(Arc::new)
-    }
-
-    /// Finds the best candidate.
-    ///
-    /// Progress is in candidates.
-    ///
-    /// # Errors
-    /// [`Stopped`] when `ctl` says so.
-    fn search(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Optimum, Stopped>;
-}
-
-/// The best candidate, and how it was found.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Optimum {
-    /// Its index.
-    pub index: u64,
-    /// Its cost, by [`exact::fit`].
-    pub cost: f64,
-    /// How it was found.
-    pub method: Method,
-    /// How many candidates were evaluated one by one (by their own least-squares problem). With bounds this depends on which
-    /// thread found what first, as do the next two members and no others.
-    pub evaluated: u64,
-    /// How many pairs of clusters were bounded from below; 0 for a search without bounds. What was not evaluated is proven
-    /// worse by these.
-    pub bounded: u64,
-    /// How many of those evaluated could not be told from the best one by the fast evaluation and were decided by QR.
-    pub decided_by_qr: u64,
-    /// How many candidates, the best one included, cost at most `1 + NEAR` times as much as it.
-    pub near_optimal: u64,
-    /// The best of these, the best one first: index and cost by QR, at most [`MOST_NEAR`]; of equal costs the lowest index first. A
-    /// controller without feedback is every stable feedback denominator with gain 0, and here once, with its lowest index.
-    pub near: Vec<(u64, f64)>,
-}
+pub use automatic::Automatic;
+pub use factored::search::FactoredSearch;
+pub use factored::trees::FactorTrees;
+pub use prepared::{KeepNothing, PreparedPools};
+pub use screen::exact;
+pub use screen::exhaustive::Exhaustive;
+pub use screen::optimum::{MOST_NEAR, Method, NEAR, Optimum, Search};
+pub use sensitivity::build::clusters::Clusters;
+pub use sensitivity::search::SensitivitySearch;

@@ -22,7 +22,8 @@ pub(super) type Pair = (DMatrix<f64>, DMatrix<f64>);
 pub(super) struct Bounds<'a> {
     pub low: f64,
     pub high: f64,
-    /// The states that Q weighs, where a structure leaves out others: the bounds hold for these, and Q is zero elsewhere.
+    /// The states that Q weighs, where a structure leaves out others: the bounds hold for these, and Q is zero
+    /// elsewhere.
     pub weighed: Option<&'a [usize]>,
 }
 
@@ -90,14 +91,16 @@ impl Slacks {
     }
 }
 
-/// Share of f that the barrier has at first: much, for a path that forgets its start, or little, for the minimum next to the start.
+/// Share of f that the barrier has at first: much, for a path that forgets its start, or little, for the minimum next
+/// to the start.
 pub(super) const FAR: f64 = 0.05;
 /// See [`FAR`].
 pub(super) const NEAR: f64 = 2e-3;
 /// Next to a minimum under another bound.
 pub(super) const WARM: f64 = 1e-6;
 
-/// The local minimum of f near a start strictly within the bounds, along the directions; `None` where the start has no regulator.
+/// The local minimum of f near a start strictly within the bounds, along the directions; `None` where the start has no
+/// regulator.
 pub(super) fn minimise(
     objective: &Objective<'_>,
     directions: &[Pair],
@@ -195,7 +198,8 @@ fn combine(
     })
 }
 
-/// Weights near the given ones whose regulator is nearer to the gain: what rounding took from an exact solution comes back.
+/// Weights near the given ones whose regulator is nearer to the gain: what rounding took from an exact solution comes
+/// back.
 ///
 /// `None` where nothing is gained.
 pub(in crate::inverse) fn refine(

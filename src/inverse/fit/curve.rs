@@ -77,13 +77,14 @@ pub struct Fit {
     pub unbounded: Option<Unbounded>,
 }
 
-/// The nearest gain found where only the signs of the weights are held: no more than the last of the curve, and usually an infimum that is not
-/// attained, which is followed as long as it falls.
+/// The nearest gain found where only the signs of the weights are held: no more than the last of the curve, and usually
+/// an infimum that is not attained, which is followed as long as it falls.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unbounded {
     /// f.
     pub residual: f64,
-    /// Condition number of blkdiag(Q, R) there (of what the structure lets Q weigh); infinite where rounding leaves no least eigenvalue.
+    /// Condition number of blkdiag(Q, R) there (of what the structure lets Q weigh); infinite where rounding leaves no
+    /// least eigenvalue.
     pub condition_number: f64,
 }
 
@@ -104,7 +105,8 @@ pub enum FitError {
     NoStart,
 }
 
-/// Fits weights under each condition number, from the identity, the smallest cross term, the neighbouring fits and random weights.
+/// Fits weights under each condition number, from the identity, the smallest cross term, the neighbouring fits and
+/// random weights.
 ///
 /// The problem is not convex: f is the best value found, and the number of starts that agree says how sure that is.
 ///
@@ -182,8 +184,8 @@ pub fn fit(gains: &Gains, settings: &FitSettings, ctl: &Ctl) -> Result<Fit, FitE
     Ok(Fit { curve, unbounded })
 }
 
-/// The nearest gain with the signs of the weights alone, from the best of these starts on. The value creeps towards an infimum that is not attained,
-/// so that it is followed as long as it falls by a share worth mentioning.
+/// The nearest gain with the signs of the weights alone, from the best of these starts on. The value creeps towards an
+/// infimum that is not attained, so that it is followed as long as it falls by a share worth mentioning.
 fn without_bounds(
     objective: &Objective<'_>,
     directions: &[Pair],

@@ -14,7 +14,8 @@ pub struct DescentSettings {
     pub steps: usize,
 }
 
-/// Where the descent ended. It promises no minimum: a step that would make a weight indefinite is left out, and the run may stall there.
+/// Where the descent ended. It promises no minimum: a step that would make a weight indefinite is left out, and the run
+/// may stall there.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Descent {
     /// Q.
@@ -42,8 +43,9 @@ pub enum DescentError {
     Stopped(#[from] Stopped),
 }
 
-/// `θ ← θ − λ ∂f/∂θ` over the upper triangles of Q and R, where an off-diagonal entry has twice the matrix gradient. The part of Q is left
-/// out where Q would not stay positive semidefinite, that of R where R would not stay positive definite.
+/// `θ ← θ − λ ∂f/∂θ` over the upper triangles of Q and R, where an off-diagonal entry has twice the matrix gradient.
+/// The part of Q is left out where Q would not stay positive semidefinite, that of R where R would not stay positive
+/// definite.
 ///
 /// # Errors
 /// [`DescentError`].

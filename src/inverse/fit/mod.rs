@@ -1,8 +1,8 @@
 //! Weights whose regulator comes nearest to a gain for which none is optimal (Priess 2015, §3.2.2).
 //!
-//! `min f = vec(K(Q, R) − K_e)ᵀ M vec(K(Q, R) − K_e)` with `I ⪯ blkdiag(Q, R) ⪯ κI`. Without κ the least value is usually not attained: R or
-//! Q drifts to lower rank, for gains that come ever nearer. A residual that needs an ever larger condition number is worth knowing, so
-//! the answer is the curve f(κ).
+//! `min f = vec(K(Q, R) − K_e)ᵀ M vec(K(Q, R) − K_e)` with `I ⪯ blkdiag(Q, R) ⪯ κI`. Without κ the least value is
+//! usually not attained: R or Q drifts to lower rank, for gains that come ever nearer. A residual that needs an ever
+//! larger condition number is worth knowing, so the answer is the curve f(κ).
 
 mod barrier;
 mod curve;

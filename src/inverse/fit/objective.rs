@@ -1,8 +1,9 @@
 //! The misfit of the regulator of (Q, R), with exact first and second derivatives.
 
-use crate::control::lyapunov::{Clock, Lyapunov, symmetric};
-use crate::control::riccati::{Riccati, RiccatiError, RiccatiSolution, solve_symmetric};
+use crate::control::lyapunov::{Clock, Lyapunov};
+use crate::control::riccati::{Riccati, RiccatiError, RiccatiSolution};
 use crate::inverse::gains::Gains;
+use crate::num::linalg::{solve_symmetric, symmetric};
 use nalgebra::{DMatrix, DVector};
 
 /// `f(Q, R) = vec(E)ᵀ M vec(E)` with `E = K(Q, R) − K_e`.
@@ -122,9 +123,9 @@ impl<'a> Objective<'a> {
 
     /// Gradient and Hessian along directions (dQ_i, dR_i).
     ///
-    /// With `(A − BK)ᵀP_i + P_i(A − BK) + dQ_i + KᵀdR_iK = 0` and `RK_i = BᵀP_i − dR_iK` the second derivative needs no further equation:
-    /// `f_ij = 2⟨K_i, MK_j⟩ − 2⟨RK_iΛ, K_j⟩ − 2⟨R⁻¹ME, dR_iK_j + dR_jK_i⟩`; in sampled time with `R + BᵀPB` for R and its derivative
-    /// for dR in the last term.
+    /// With `(A − BK)ᵀP_i + P_i(A − BK) + dQ_i + KᵀdR_iK = 0` and `RK_i = BᵀP_i − dR_iK` the second derivative needs no
+    /// further equation: `f_ij = 2⟨K_i, MK_j⟩ − 2⟨RK_iΛ, K_j⟩ − 2⟨R⁻¹ME, dR_iK_j + dR_jK_i⟩`; in sampled time with `R +
+    /// BᵀPB` for R and its derivative for dR in the last term.
     #[must_use]
     pub fn derivatives(
         &self,

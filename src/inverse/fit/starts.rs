@@ -1,9 +1,10 @@
 //! Where fits start.
 
-use crate::control::lyapunov::{Clock, Lyapunov, symmetric};
+use crate::control::lyapunov::{Clock, Lyapunov};
 use crate::convex::lmi::{self, Block, LmiError, Problem};
 use crate::ctl::Ctl;
 use crate::inverse::gains::Gains;
+use crate::num::linalg::symmetric;
 use crate::num::rng::Stream;
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
@@ -21,8 +22,8 @@ pub struct CrossTerm {
     pub norm: f64,
 }
 
-/// The weights with the smallest cross term S, Priess 2015, eq. (3.20), with `R ⪰ I` (without a normalisation the infimum is 0):
-/// `min ‖S‖_F` with `Sᵀ = RK − BᵀP`, `Q = KᵀRK − AᵀP − PA`, `[Q S; Sᵀ R] ⪰ 0`, `P ⪰ 0`; in sampled time
+/// The weights with the smallest cross term S, Priess 2015, eq. (3.20), with `R ⪰ I` (without a normalisation the
+/// infimum is 0): `min ‖S‖_F` with `Sᵀ = RK − BᵀP`, `Q = KᵀRK − AᵀP − PA`, `[Q S; Sᵀ R] ⪰ 0`, `P ⪰ 0`; in sampled time
 /// `Sᵀ = RK − BᵀP(A − BK)`, `Q = P − AᵀPA + Kᵀ(BᵀPB + R)K`.
 ///
 /// # Errors
@@ -69,8 +70,8 @@ pub fn smallest_cross_term(gains: &Gains, ctl: &Ctl) -> Result<CrossTerm, LmiErr
     };
     let whole: Vec<_> = terms.iter().zip(&unknowns).map(|((q, s), (_, r))| block(q, s, r)).collect();
     let count = unknowns.len();
-    // The cost (u + Kx)ᵀR(u + Kx) has the gain K, and a little of xᵀx makes it definite: a start within the cone. With P = εP₁ and
-    // P₁ that of xᵀx it is definite for ε‖P₁B‖² (in sampled time ε‖…‖²) below R.
+    // The cost (u + Kx)ᵀR(u + Kx) has the gain K, and a little of xᵀx makes it definite: a start within the cone. With
+    // P = εP₁ and P₁ that of xᵀx it is definite for ε‖P₁B‖² (in sampled time ε‖…‖²) below R.
     let no_start = LmiError::Infeasible { block: 0 };
     let one = Lyapunov::new(&closed, gains.clock).map_err(|_| no_start.clone())?.solve(&DMatrix::identity(n, n));
     let coupling = match gains.clock {
@@ -114,8 +115,8 @@ pub fn smallest_cross_term(gains: &Gains, ctl: &Ctl) -> Result<CrossTerm, LmiErr
     Ok(CrossTerm { q: symmetric(&q), r: symmetric(&r), norm: s.norm(), s })
 }
 
-/// Weights with their eigenvalues moved into `(1, κ)`, the geometric mean of the extremes in the middle; Q on the states that are weighed,
-/// all where none are named.
+/// Weights with their eigenvalues moved into `(1, κ)`, the geometric mean of the extremes in the middle; Q on the
+/// states that are weighed, all where none are named.
 pub(super) fn into_box(
     q: &DMatrix<f64>,
     r: &DMatrix<f64>,

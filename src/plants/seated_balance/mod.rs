@@ -25,11 +25,12 @@ use crate::control::{Continuous, StateSpace};
 use crate::num::dual::Real;
 use crate::person::state_feedback::{Path, Plant, PlantModel, close};
 use nalgebra::DMatrix;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// What moves the seat.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "SeatedBalanceDrive")]
 #[serde(rename_all = "snake_case")]
 pub enum Drive {
     /// A torque u in N m about the pivot, beside the virtual spring k_r and damper c_r (chapter 5). One input.
@@ -39,7 +40,8 @@ pub enum Drive {
 }
 
 /// What is measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "SeatedBalanceOutput")]
 #[serde(rename_all = "snake_case")]
 pub enum Output {
     /// α₁, rad.
@@ -57,7 +59,7 @@ pub enum Output {
 }
 
 /// Which model it is, numbers apart.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Structure {
     /// What moves the seat. Default: a torque.

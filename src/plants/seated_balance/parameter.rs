@@ -1,10 +1,10 @@
 //! The parameters of seated balance by name.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// A parameter of seated balance. Those that Table 5.1 of Priess 2015 fits come first, in its order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 pub enum Parameter {
     /// K₁, N m/rad: torque for α₁.
     #[serde(rename = "k1")]

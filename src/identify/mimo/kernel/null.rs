@@ -13,8 +13,8 @@ pub(super) fn inner(a: &[Complex64], b: &[Complex64]) -> Complex64 {
     a.iter().zip(b).map(|(x, y)| x.conj() * y).sum()
 }
 
-/// Null vector and pseudo-inverse (columns) of a wide matrix with m − 1 rows, and its condition number's bound; by Gram and Schmidt,
-/// twice. `None` where its rows are dependent.
+/// Null vector and pseudo-inverse (columns) of a wide matrix with m − 1 rows, and its condition number's bound; by Gram
+/// and Schmidt, twice. `None` where its rows are dependent.
 pub(super) fn null_and_inverse(rows: &[Small], m: usize) -> Option<(Small, Vec<Small>, f64)> {
     // F* = Q L* with orthonormal Q, so that F⁺ = Q (L*)⁻* and ñ is orthogonal to Q.
     let n = rows.len();

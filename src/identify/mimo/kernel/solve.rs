@@ -1,14 +1,64 @@
 //! The best feedforwards of a batch from its normal equations.
 
 use super::sums::Shape;
-use super::{Fixed, LANES, SMALLEST_PIVOT, Scratch, Screened};
+use super::{Fixed, LANES, SMALLEST_PIVOT, Scratch, Screened, V};
+use crate::identify::search::simd::ldl::{Above, Lanes, Ldl, Square};
+
+/// Plain loops over the lanes, which the compiler vectorises for the dispatched instructions.
+impl Lanes for V {
+    #[inline(always)]
+    fn times(mut self, b: Self) -> Self {
+        for n in 0..LANES {
+            self[n] *= b[n];
+        }
+        self
+    }
+    #[inline(always)]
+    fn times_from(self, b: Self, mut c: Self) -> Self {
+        for n in 0..LANES {
+            c[n] -= self[n] * b[n];
+        }
+        c
+    }
+    #[inline(always)]
+    fn over(mut self, b: Self) -> Self {
+        for n in 0..LANES {
+            self[n] /= b[n];
+        }
+        self
+    }
+    #[inline(always)]
+    fn where_above(self, limit: Self, mut then: Self, otherwise: Self) -> Self {
+        for n in 0..LANES {
+            then[n] = if self[n] > limit[n] { then[n] } else { otherwise[n] };
+        }
+        then
+    }
+}
+
+/// A matrix row by row.
+struct Rows<'a> {
+    width: usize,
+    entries: &'a mut [V],
+}
+
+impl Square<V> for Rows<'_> {
+    #[inline(always)]
+    fn at(&self, row: usize, column: usize) -> V {
+        self.entries[row * self.width + column]
+    }
+    #[inline(always)]
+    fn put(&mut self, row: usize, column: usize, value: V) {
+        self.entries[row * self.width + column] = value;
+    }
+}
 
 impl Fixed<'_> {
     #[allow(clippy::needless_range_loop)]
     #[inline(always)]
     pub(super) fn solve(&self, shape: Shape, scratch: &mut Scratch) -> Screened {
         let p = shape.controls * shape.size();
-        let Scratch { sums, matrix, scale, x, .. } = scratch;
+        let Scratch { sums, matrix, scale, inverse, x, .. } = scratch;
         shape.unpack(&sums.gram, matrix);
         // Scaled to unit diagonal: S G S with S = diag(G)^−½, kept in the diagonal until the end.
         let mut is_sound = [true; LANES];
@@ -26,34 +76,10 @@ impl Fixed<'_> {
             }
             matrix[i * p + i] = [1.0; LANES];
         }
-        // L D Lᵀ, the pivots in the diagonal.
-        for i in 0..p {
-            for j in 0..i {
-                let mut sum = matrix[i * p + j];
-                for k in 0..j {
-                    let (a, b) = (matrix[i * p + k], matrix[j * p + k]);
-                    for n in 0..LANES {
-                        sum[n] -= a[n] * b[n];
-                    }
-                }
-                matrix[i * p + j] = sum;
-            }
-            // Row i holds L D so far; divide, and take off the pivot.
-            let mut pivot = matrix[i * p + i];
-            for j in 0..i {
-                let (entry, d) = (matrix[i * p + j], matrix[j * p + j]);
-                let mut l = [0.0; LANES];
-                for n in 0..LANES {
-                    l[n] = entry[n] / d[n];
-                    pivot[n] -= l[n] * entry[n];
-                }
-                matrix[i * p + j] = l;
-            }
-            for n in 0..LANES {
-                is_sound[n] &= pivot[n] > SMALLEST_PIVOT;
-            }
-            matrix[i * p + i] = pivot;
-        }
+        // Of a pivot that is too small the inverse is infinite, and so is the cost, or no number.
+        let mut ldl = Ldl { gram: Rows { width: p, entries: matrix }, inverse: &mut inverse[..] };
+        let mut pivots = Above { least: [SMALLEST_PIVOT; LANES], infinity: [f64::INFINITY; LANES] };
+        ldl.factor(p, [1.0; LANES], &mut pivots);
         let mut cost = [self.problem.lines.unreachable; LANES];
         let mut error = [0.0; LANES];
         let mut width = [0.0; LANES];
@@ -70,34 +96,19 @@ impl Fixed<'_> {
                 for n in 0..LANES {
                     sum[n] *= scale[i][n];
                 }
-                for k in 0..i {
-                    let l = matrix[i * p + k];
-                    for n in 0..LANES {
-                        sum[n] -= l[n] * x[k][n];
-                    }
-                }
                 x[i] = sum;
             }
-            for i in 0..p {
-                let d = matrix[i * p + i];
+            ldl.forward(p, x);
+            for (x, inverse) in x.iter().zip(ldl.inverse.iter()) {
                 for n in 0..LANES {
-                    let quotient = x[i][n] / d[n];
-                    cost[n] -= x[i][n] * quotient;
-                    x[i][n] = quotient;
+                    cost[n] -= x[n] * (x[n] * inverse[n]);
                 }
             }
+            ldl.backward(p, x);
             let mut length = [0.0; LANES];
-            for i in (0..p).rev() {
-                let mut sum = x[i];
-                for k in i + 1..p {
-                    let l = matrix[k * p + i];
-                    for n in 0..LANES {
-                        sum[n] -= l[n] * x[k][n];
-                    }
-                }
-                x[i] = sum;
+            for (x, scale) in x.iter().zip(scale.iter()).rev() {
                 for n in 0..LANES {
-                    length[n] += (sum[n] * scale[i][n]).abs();
+                    length[n] += (x[n] * scale[n]).abs();
                 }
             }
             for n in 0..LANES {

@@ -29,7 +29,8 @@ impl Shape {
         Self { controls: pool_controls, commands, even: problem.even(), odd: problem.basis.odd().len() }
     }
 
-    /// Numbers of the packed Gram matrix: for every pair i ≤ i' of controls the triangles even·even and odd·odd, and even·odd where i < i'.
+    /// Numbers of the packed Gram matrix: for every pair i ≤ i' of controls the triangles even·even and odd·odd, and
+    /// even·odd where i < i'.
     pub(super) fn gram(self) -> usize {
         let (e, o, m) = (self.even, self.odd, self.controls);
         let triangles = e * (e + 1) / 2 + o * (o + 1) / 2;
@@ -118,8 +119,8 @@ impl Sums<f64> {
 }
 
 impl Shape {
-    /// The lower triangle of the full Gram matrix, row by row. With `s + jt = Σ w y_i* y_i'` the entry of a real function of i and an
-    /// imaginary one of i' is −t, the other way round +t.
+    /// The lower triangle of the full Gram matrix, row by row. With `s + jt = Σ w y_i* y_i'` the entry of a real
+    /// function of i and an imaginary one of i' is −t, the other way round +t.
     #[inline(always)]
     pub(super) fn unpack(self, packed: &[V], full: &mut [V]) {
         let (even, all) = (self.even, self.size());

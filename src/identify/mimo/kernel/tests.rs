@@ -6,8 +6,8 @@ use crate::num::rng::stream;
 use nalgebra::DMatrix;
 use rand::RngExt;
 
-/// The screened cost of every stable candidate lies within its bound of the cost by orthogonalisation, and the bound is tight
-/// enough to be of use; data and plants of many sizes, scales and conditions.
+/// The screened cost of every stable candidate lies within its bound of the cost by orthogonalisation, and the bound is
+/// tight enough to be of use; data and plants of many sizes, scales and conditions.
 #[test]
 fn the_screened_cost_errs_by_less_than_its_bound() {
     let (mut candidates, mut loose, mut widths) = (0, 0, Vec::new());

@@ -1,0 +1,96 @@
+//! How fast the inverse problem is, and the 10,000 random plants.
+//!
+//! `cargo bench --bench inverse` takes some seconds and asserts the targets of one core: n = 4, m = 4 in 2 ms, n = 16,
+//! m = 8 in 100 ms, n = 32, m = 8 in 2 s, each with a forward error of at most 1e-6, and the fit of Priess 2015, §3.4,
+//! to f ≤ 1.48 in 1 s. `-- --full` runs 10,000 optimal gains and 10,000 stabilising ones (about five minutes);
+//! `-- --smoke` asserts no times.
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
+
+use nalgebra::DMatrix;
+use rand::RngExt;
+use std::time::Instant;
+use volition::control::lqg::lqr;
+use volition::control::lyapunov::Clock;
+use volition::ctl::Ctl;
+use volition::inverse::fit::{FitSettings, fit};
+use volition::inverse::{Gains, Settings, Verdict, inverse_lqr};
+use volition::num::rng;
+
+#[path = "../tests/support/inverse_plants.rs"]
+mod inverse_plants;
+
+fn main() {
+    let has = |flag: &str| std::env::args().any(|argument| argument == flag);
+    if has("--full") {
+        let mut complaints = 0;
+        let mut complain = |line: String| {
+            complaints += 1;
+            println!("{line}");
+        };
+        let begin = Instant::now();
+        let optimal = inverse_plants::optimal(10_000, inverse_plants::SEED, &mut complain);
+        println!("10,000 optimal gains: {optimal:?} in {:.0} s", begin.elapsed().as_secs_f64());
+        // Two in five do not stabilise, and are skipped.
+        let single = inverse_plants::single_input(17_000, inverse_plants::SEED, &mut complain);
+        println!("single-input gains against Kalman's inequality: {single:?}");
+        assert_eq!(complaints, 0, "complaints above");
+        let judged = single.feasible + single.boundary + single.infeasible;
+        assert!(judged >= 10_000, "only {judged} of the gains stabilise");
+        return;
+    }
+    let strict = !has("--smoke");
+    solve("n = 4,  m = 4", 4, 4, 200, 2e-3, strict);
+    solve("n = 16, m = 8", 16, 8, 10, 0.1, strict);
+    solve("n = 32, m = 8", 32, 8, 3, 2.0, strict);
+    section_3_4(strict);
+}
+
+/// The median time of one question, over plants of this size.
+fn solve(name: &str, n: usize, m: usize, plants: usize, target_s: f64, strict: bool) {
+    let mut stream = rng::stream(1, name);
+    let mut times = Vec::new();
+    let mut worst: f64 = 0.0;
+    for _ in 0..plants {
+        let mut matrix =
+            |rows: usize, columns: usize| DMatrix::from_fn(rows, columns, |_, _| stream.random_range(-1.0..1.0));
+        let (a, b, q, r): (DMatrix<f64>, DMatrix<f64>, DMatrix<f64>, DMatrix<f64>) =
+            (matrix(n, n), matrix(n, m), matrix(n, n), matrix(m, m));
+        let q = &q * q.transpose() + DMatrix::identity(n, n) * 0.1;
+        let r = &r * r.transpose() + DMatrix::identity(m, m) * 0.1;
+        let k = lqr(&a, &b, &q, &r, Clock::Continuous).unwrap().k;
+        let begin = Instant::now();
+        let gains = Gains::regulator(&a, &b, &k, Clock::Continuous).unwrap();
+        let answer = inverse_lqr(&gains, &Settings::default(), &Ctl::new()).unwrap();
+        times.push(begin.elapsed().as_secs_f64());
+        assert_eq!(answer.verdict, Verdict::Feasible);
+        worst = worst.max(answer.weights.unwrap().proof.forward_error);
+    }
+    times.sort_by(f64::total_cmp);
+    let (median, slowest) = (times[times.len() / 2], times[times.len() - 1]);
+    println!(
+        "{name}: median {:.2} ms, slowest {:.2} ms, worst forward error {worst:.1e} (target {:.0} ms)",
+        median * 1e3,
+        slowest * 1e3,
+        target_s * 1e3
+    );
+    assert!(worst <= 1e-6);
+    assert!(!strict || median <= target_s, "{name}: {median} s");
+}
+
+fn section_3_4(strict: bool) {
+    let matrix = |values: &[f64; 9]| DMatrix::from_row_slice(3, 3, values);
+    let a = matrix(&[100.0, 0.0, -1.0, 0.0, 0.1, 50.0, 0.333, 10.0, 0.0]);
+    let b = matrix(&[-1.0, 0.0, 10.0, 1.0, 1.0, 0.0, 0.1, -20.0, 4.0]);
+    let k = matrix(&[-3.47, 20.2, 49.3, 3.7, 0.0519, 0.714, 18.7, 2.21, 4.83]);
+    let gains = Gains::regulator(&a, &b, &k, Clock::Continuous).unwrap();
+    let settings = FitSettings { condition_numbers: vec![1e8], random_starts: 0, ..FitSettings::default() };
+    let begin = Instant::now();
+    let found = fit(&gains, &settings, &Ctl::new()).unwrap();
+    let seconds = begin.elapsed().as_secs_f64();
+    println!("fit of section 3.4: f = {:.6} in {seconds:.3} s (target 1.48 in 1 s)", found.curve[0].residual);
+    assert!(found.curve[0].residual <= 1.48);
+    assert!(!strict || seconds <= 1.0, "{seconds} s");
+    let begin = Instant::now();
+    let curve = fit(&gains, &FitSettings::default(), &Ctl::new()).unwrap().curve;
+    println!("its whole curve of {} condition numbers in {:.2} s", curve.len(), begin.elapsed().as_secs_f64());
+}

@@ -1,0 +1,245 @@
+//! What the question is answered with.
+
+use crate::control::model::TransferFunctionModel;
+use crate::excite::compensator::{Compensator, Curve, Design, DesignLimits, Edge, Found, Judged};
+use crate::excite::flatness::Band;
+use crate::excite::motion::MotionSummary;
+use crate::excite::path::PathError;
+use schemars::JsonSchema;
+use serde::Serialize;
+use std::f64::consts::PI;
+
+/// The best proportional control of the same plant, signal, band and limits.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "CompensatorBaseline")]
+pub struct BaselineResult {
+    /// K, in units of force over those of the position.
+    pub gain: f64,
+    /// SFG_xr, the spectral flatness gain, dimensionless.
+    pub blsfg: f64,
+    /// The resonance, Hz; null without one.
+    pub resonance_hz: Option<f64>,
+    /// ‖S P‖∞, in units of the position over those of the force.
+    pub disturbance_norm: f64,
+    /// The answer's flatness gain over this one's, dimensionless.
+    pub improvement: f64,
+}
+
+/// The best compensator of a climb that ended elsewhere.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "CompensatorRunnerUp")]
+pub struct RunnerUpResult {
+    /// K, in units of force over those of the position.
+    pub gain: f64,
+    /// f_z, Hz; null for proportional control.
+    pub zero_hz: Option<f64>,
+    /// f_p, Hz; null for proportional control.
+    pub pole_hz: Option<f64>,
+    /// SFG_xr, the spectral flatness gain, dimensionless.
+    pub blsfg: f64,
+}
+
+/// What was searched.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "CompensatorSearch")]
+pub struct SearchResult {
+    /// Points of the grid over the box.
+    pub points: usize,
+    /// Those whose loop Jury's test proves stable.
+    pub stable: usize,
+    /// Climbs from local maxima of the grid.
+    pub climbs: usize,
+    /// Those that ended in the answer.
+    pub agreeing: usize,
+    /// The best of the others; null where all agree.
+    pub runner_up: Option<RunnerUpResult>,
+    /// Edges of the box that hold the answer.
+    pub edges: Vec<Edge>,
+}
+
+/// A curve over the gain; arrays are equally long, and null where the loop is not stable.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "CompensatorCurve")]
+pub struct CurveResult {
+    /// f_z, Hz; null for proportional control.
+    pub zero_hz: Option<f64>,
+    /// f_p, Hz; null for proportional control.
+    pub pole_hz: Option<f64>,
+    /// K, in units of force over those of the position.
+    pub gain: Vec<f64>,
+    /// SFG_xr, the spectral flatness gain, dimensionless.
+    pub blsfg: Vec<Option<f64>>,
+    /// The resonance, Hz; null also where there is none.
+    pub resonance_hz: Vec<Option<f64>>,
+    /// ‖S P‖∞, in units of the position over those of the force.
+    pub disturbance_norm: Vec<Option<f64>>,
+}
+
+impl CurveResult {
+    pub(super) fn new(curve: &Curve) -> Self {
+        Self {
+            zero_hz: curve.corners.map(|c| c[0]),
+            pole_hz: curve.corners.map(|c| c[1]),
+            gain: curve.gain.clone(),
+            blsfg: curve.blsfg.clone(),
+            resonance_hz: curve.resonance_rad_s.iter().map(|w| w.map(hz)).collect(),
+            disturbance_norm: curve.disturbance_norm.clone(),
+        }
+    }
+}
+
+/// What a compensator does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(rename = "CompensatorAction")]
+pub enum Action {
+    /// `C = K`.
+    Proportional,
+    /// f_z < f_p.
+    Lead,
+    /// f_z > f_p.
+    Lag,
+}
+
+/// The result of `compensator_design`.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+pub struct CompensatorDesignResult {
+    /// K, the gain at high frequency, in units of force over those of the position.
+    pub gain: f64,
+    /// f_z, Hz; null for proportional control.
+    pub zero_hz: Option<f64>,
+    /// f_p, Hz; null for proportional control.
+    pub pole_hz: Option<f64>,
+    /// What it does.
+    pub action: Action,
+    /// The band in Hz, as asked for.
+    pub band_hz: Band,
+    /// SFG_xr of the band: `output_sfm / reference_sfm` (equation 16), dimensionless.
+    pub blsfg: f64,
+    /// γ_r², the flatness of the signal, dimensionless.
+    pub reference_sfm: f64,
+    /// γ_x², the flatness of the position, dimensionless.
+    pub output_sfm: f64,
+    /// Where the gain from reference to position is largest, Hz; null where it nowhere exceeds that at 0 Hz.
+    pub resonance_hz: Option<f64>,
+    /// The gain there, dimensionless; null without one.
+    pub resonance_gain: Option<f64>,
+    /// ‖S P‖∞: the largest gain from a person's force to the position, in their units.
+    pub disturbance_norm: f64,
+    /// Where it is reached, Hz.
+    pub disturbance_norm_hz: f64,
+    /// Natural frequency of the least damped pair of poles, Hz; null without one.
+    pub natural_hz: Option<f64>,
+    /// Its damping ratio, dimensionless; null without one.
+    pub damping_ratio: Option<f64>,
+    /// The closed-loop poles in z as `[re, im]`, dimensionless.
+    pub poles: Vec<[f64; 2]>,
+    /// The largest magnitude of a pole, dimensionless; that it is below 1 was proven by Jury's test, with rounding
+    /// bounded.
+    pub spectral_radius: f64,
+    /// The decay of the slowest pole, 1/s.
+    pub slowest_decay_per_s: f64,
+    /// The decay that was asked of every pole, or taken by default.
+    pub required_decay_per_s: f64,
+    /// The controller in z, from position error to force.
+    pub controller: TransferFunctionModel,
+    /// From reference to position in z, dimensionless.
+    pub closed_loop: TransferFunctionModel,
+    /// Motion and force while the loop follows the signal from rest: two periods, or the record.
+    pub motion: MotionSummary,
+    /// The best proportional control; null where it is the answer itself, or where none keeps the limits.
+    pub proportional: Option<BaselineResult>,
+    /// How it was found.
+    pub search: SearchResult,
+    /// Curves; empty unless asked for.
+    pub sweep: Vec<CurveResult>,
+}
+
+fn hz(omega_rad_s: f64) -> f64 {
+    omega_rad_s / (2.0 * PI)
+}
+
+/// f_z and f_p, where they are not equal.
+fn corners(compensator: &Compensator) -> Option<[f64; 2]> {
+    (compensator.zero_hz != compensator.pole_hz).then_some([compensator.zero_hz, compensator.pole_hz])
+}
+
+impl CompensatorDesignResult {
+    pub(super) fn new(
+        band_hz: Band,
+        limits: &DesignLimits,
+        design: &Design,
+        found: &Found,
+        judged: &Judged,
+        baseline: Option<&Judged>,
+        sweep: Vec<CurveResult>,
+    ) -> Result<Self, PathError> {
+        let compensator = &judged.compensator;
+        let path = design.path(compensator)?;
+        let controller = compensator.sampled(design.plant().time())?;
+        let closed = path
+            .loop_()
+            .map(|closed| closed.command_to_output_transfer_function())
+            .transpose()
+            .map_err(|error| PathError::Discretise(error.into()))?;
+        let own = corners(compensator);
+        let action = match own {
+            None => Action::Proportional,
+            Some([zero, pole]) if zero < pole => Action::Lead,
+            Some(_) => Action::Lag,
+        };
+        let summary = &found.summary;
+        Ok(Self {
+            gain: compensator.gain,
+            zero_hz: own.map(|c| c[0]),
+            pole_hz: own.map(|c| c[1]),
+            action,
+            band_hz,
+            blsfg: judged.blsfg,
+            reference_sfm: design.reference_sfm(),
+            output_sfm: judged.output_sfm,
+            resonance_hz: judged.resonance.map(|peak| hz(peak.at)),
+            resonance_gain: judged.resonance.map(|peak| peak.value),
+            disturbance_norm: judged.disturbance.value,
+            disturbance_norm_hz: hz(judged.disturbance.at),
+            natural_hz: judged.oscillation.map(|pair| hz(pair[0])),
+            damping_ratio: judged.oscillation.map(|pair| pair[1]),
+            poles: judged.poles.iter().map(|z| [z.re, z.im]).collect(),
+            spectral_radius: judged.poles.iter().map(|z| z.norm()).fold(0.0, f64::max),
+            slowest_decay_per_s: judged
+                .poles
+                .iter()
+                .map(|z| -z.norm().ln() / design.plant().time().period_s())
+                .fold(f64::INFINITY, f64::min)
+                .min(f64::MAX),
+            required_decay_per_s: limits.decay_per_s.unwrap_or(0.0),
+            closed_loop: closed.as_ref().map_or_else(|| (&controller).into(), Into::into),
+            controller: (&controller).into(),
+            motion: judged.motion.clone(),
+            proportional: baseline.map(|baseline| BaselineResult {
+                gain: baseline.compensator.gain,
+                blsfg: baseline.blsfg,
+                resonance_hz: baseline.resonance.map(|peak| hz(peak.at)),
+                disturbance_norm: baseline.disturbance.value,
+                improvement: judged.blsfg / baseline.blsfg,
+            }),
+            search: SearchResult {
+                points: summary.points,
+                stable: summary.stable,
+                climbs: summary.climbs,
+                agreeing: summary.agreeing,
+                runner_up: summary.runner_up.map(|(compensator, blsfg)| {
+                    let corners = corners(&compensator);
+                    RunnerUpResult {
+                        gain: compensator.gain,
+                        zero_hz: corners.map(|c| c[0]),
+                        pole_hz: corners.map(|c| c[1]),
+                        blsfg,
+                    }
+                }),
+                edges: summary.edges.clone(),
+            },
+            sweep,
+        })
+    }
+}

@@ -1,0 +1,88 @@
+//! The answer to the question about one half.
+
+use super::half::Half;
+use super::problems;
+use super::regulator::InverseLqrResult;
+use super::spec::{CheckedSpec, DescentSpec, DescentStart};
+use super::warnings::{descent_broke_off, warn};
+use crate::analysis::contract::Failure;
+use crate::analysis::report::Warning;
+use crate::convex::lmi::LmiError;
+use crate::ctl::Ctl;
+use crate::inverse::fit::{
+    CrossTerm, Descent, DescentError, DescentSettings, Fit, Objective, descent, fit, smallest_cross_term,
+};
+use crate::inverse::{Gains, InverseLqr, Settings, inverse_lqr};
+use nalgebra::DMatrix;
+
+/// What was found about a half.
+pub(super) struct Findings {
+    /// The verdict, with the weights where they exist.
+    pub answer: InverseLqr,
+    /// The nearest optimal gain, where this one is optimal for no cost.
+    pub fitted: Option<Fit>,
+    /// The cost with the smallest cross term, beside the fit and without a structure.
+    pub cross_term: Option<CrossTerm>,
+    /// The descent, where it was asked for.
+    pub descent: Option<Descent>,
+}
+
+/// Answers with the letters of a regulator: a filter's are those of its dual.
+///
+/// Progress counts two steps: the verdict and the fit.
+///
+/// # Errors
+/// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] where working precision proves no verdict.
+pub(in crate::analysis) fn answer(
+    half: &Half,
+    spec: &CheckedSpec,
+    warnings: &mut Vec<Warning>,
+    ctl: &Ctl,
+) -> Result<InverseLqrResult, Failure> {
+    let gains = &half.gains;
+    let settings = Settings { structure: spec.structure.clone() };
+    let answer = inverse_lqr(gains, &settings, ctl).map_err(|error| problems::inverse(&error))?;
+    ctl.advance(1);
+    let mut findings = Findings { answer, fitted: None, cross_term: None, descent: None };
+    if let Some(written) = spec.used.fit.as_ref().filter(|_| findings.answer.weights.is_none()) {
+        let found = fit(gains, &spec.fit_settings(written), ctl).map_err(|error| problems::fit(&error))?;
+        findings.fitted = Some(found);
+        if settings.structure.is_free() {
+            findings.cross_term = smallest_cross_term(gains, ctl).map(Some).or_else(|error| match error {
+                LmiError::Stopped(stopped) => Err(Failure::Stopped(stopped)),
+                LmiError::Infeasible { .. } => Ok(None),
+            })?;
+        }
+        if let Some(wanted) = written.descent {
+            findings.descent = descended(gains, spec, wanted, findings.cross_term.as_ref(), warnings, ctl)?;
+        }
+    }
+    ctl.advance(1);
+    warn(gains, &findings.answer, findings.fitted.as_ref(), warnings);
+    Ok(InverseLqrResult::new(half, &findings))
+}
+
+/// The descent of Priess 2015, Table 3.1; a warning in its place where it meets weights without a regulator.
+fn descended(
+    gains: &Gains,
+    spec: &CheckedSpec,
+    wanted: DescentSpec,
+    cross_term: Option<&CrossTerm>,
+    warnings: &mut Vec<Warning>,
+    ctl: &Ctl,
+) -> Result<Option<Descent>, Failure> {
+    let (n, m) = (gains.states(), gains.ports());
+    let (q, r) = match (wanted.start, cross_term) {
+        (DescentStart::CrossTerm, Some(found)) => (found.q.clone(), found.r.clone()),
+        _ => (DMatrix::identity(n, n), DMatrix::identity(m, m)),
+    };
+    let settings = DescentSettings { rate: wanted.rate, steps: wanted.steps };
+    match descent(&Objective::new(gains, spec.metric.as_ref()), &q, &r, settings, ctl) {
+        Ok(found) => Ok(Some(found)),
+        Err(DescentError::Stopped(stopped)) => Err(stopped.into()),
+        Err(DescentError::Riccati(error)) => {
+            warnings.push(descent_broke_off(&error));
+            Ok(None)
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! The exact search by branch and bound over pairs of clusters: of feedback controllers, as products of poles, zeros
+//! and gains, and of feedforward denominators.
+
+pub(crate) mod codec;
+mod feedback_lanes;
+mod kernel;
+mod lines;
+mod ranges;
+pub mod search;
+pub(crate) mod tree;
+pub mod trees;
+mod walk;

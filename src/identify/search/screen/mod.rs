@@ -1,0 +1,9 @@
+//! What a search is asked and answers; one candidate by QR; every candidate, several at a time, by normal equations.
+
+mod block;
+pub(crate) mod decide;
+pub mod exact;
+pub mod exhaustive;
+mod kernel;
+mod near;
+pub mod optimum;

@@ -1,0 +1,13 @@
+//! Sequences, flatness and the loop that carries them, against numbers computed independently from Qiu 2021 and by
+//! other routes.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+#[path = "../support/chapter_five.rs"]
+mod chapter_five;
+
+mod compensator;
+mod flatness;
+mod input_design;
+mod requests;
+mod sequences;
+mod support;

@@ -1,0 +1,17 @@
+//! The house: which room uses which, what the lower rooms must not know, how tangled the files are, how long they are.
+//!
+//! `cargo test --test house figures -- --nocapture` prints the figures.
+#![allow(clippy::unwrap_used)]
+
+mod figures;
+mod fixture;
+mod graph;
+mod layers;
+mod resolve;
+mod source;
+mod tokens;
+
+/// The folder of the project.
+fn project() -> &'static std::path::Path {
+    std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+}

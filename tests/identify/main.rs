@@ -1,0 +1,23 @@
+//! What a person does, from recordings: frequency responses, subsystem identification, two stimuli, gains by
+//! likelihood.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+#[path = "../support/virtual_subjects.rs"]
+mod virtual_subjects;
+
+mod gain_fit;
+mod gain_fit_filter;
+mod response;
+mod response_doubts;
+mod ssid_appendix_b;
+mod ssid_coverage;
+mod ssid_delayed;
+mod ssid_examples;
+mod ssid_kept;
+mod ssid_mimo;
+mod ssid_mimo_random;
+mod ssid_pool;
+mod ssid_refine;
+mod ssid_search;
+mod ssid_virtual;
+mod two_stimulus;

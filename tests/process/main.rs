@@ -1,9 +1,0 @@
-//! The real command in real processes: killed, restarted, drained, given bad input.
-#![allow(clippy::unwrap_used, missing_docs)]
-
-mod command_line;
-mod excitation;
-mod harness;
-mod kill;
-mod restart;
-mod resume;

@@ -1,0 +1,22 @@
+//! The service over HTTP: every test has a server, a port and a database of its own.
+
+mod analyses;
+mod bad_input;
+mod conditional;
+mod designs;
+mod events;
+mod excitation;
+mod gain_fit;
+mod harness;
+mod inverse;
+mod learning;
+mod limits;
+mod openapi;
+mod plants;
+mod service;
+mod ssid;
+mod studies;
+mod subjects;
+mod trials;
+mod two_stimulus;
+mod uploads;

@@ -1,0 +1,183 @@
+//! The OpenAPI document: committed, and every operation in it works.
+
+use crate::api::harness::{TestServer, gzip, recording};
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+
+#[test]
+fn the_committed_document_is_the_program_s() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/openapi/openapi.json");
+    let committed = std::fs::read_to_string(path).unwrap_or_default();
+    assert!(
+        committed == format!("{}\n", volition::api::document()),
+        "openapi/openapi.json is not what the program says; write it anew: volition openapi > openapi/openapi.json"
+    );
+}
+
+#[test]
+fn operations_are_whole() {
+    let document: Value = serde_json::from_str(&volition::api::document()).unwrap();
+    let mut ids = BTreeSet::new();
+    for (path, item) in document["paths"].as_object().unwrap() {
+        for (method, operation) in item.as_object().unwrap() {
+            let name = format!("{method} {path}");
+            assert!(ids.insert(operation["operationId"].as_str().unwrap().to_owned()), "{name}: operationId twice");
+            assert!(!operation["summary"].as_str().unwrap_or_default().is_empty(), "{name} has no summary");
+            let in_path = path.matches('{').count();
+            let parameters = operation["parameters"].as_array().cloned().unwrap_or_default();
+            assert_eq!(parameters.iter().filter(|p| p["in"] == "path").count(), in_path, "{name}");
+            for parameter in &parameters {
+                assert!(!parameter["description"].as_str().unwrap_or_default().is_empty(), "{name}: {parameter}");
+            }
+            for (status, response) in operation["responses"].as_object().unwrap() {
+                assert!(!response["description"].as_str().unwrap_or_default().is_empty(), "{name} {status}");
+                let is_problem = status.starts_with(['4', '5']);
+                assert_eq!(
+                    response["content"].get("application/problem+json").is_some(),
+                    is_problem,
+                    "{name} {status}"
+                );
+            }
+        }
+    }
+}
+
+/// An exercised operation: method, route, and the request that must succeed with this status.
+struct Call {
+    method: &'static str,
+    route: &'static str,
+    query: String,
+    body: Option<Value>,
+    status: u16,
+}
+
+#[tokio::test]
+async fn every_operation_succeeds_over_http() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let trial = server.trial(&lab, 1).await;
+    let request = json!({"kind": "frequency_response", "inputs": {"trial": trial}, "spec": {}});
+    let done = server.post("/v1/analyses", &request).await.id(202);
+    server.work().await;
+    let succeeded = server.get(&format!("/v1/analyses/{done}")).await.json(200);
+    assert_eq!(succeeded["status"], "succeeded", "{succeeded}");
+
+    let model = json!({"num": [1.0], "den": [1.0, 2.0]});
+    let call = |method, route, body, status| Call { method, route, query: String::new(), body, status };
+    // In an order in which they can follow one another: deletions last.
+    let calls = [
+        call("GET", "/healthz", None, 200),
+        call("GET", "/readyz", None, 200),
+        call("GET", "/metrics", None, 200),
+        call("GET", "/openapi.json", None, 200),
+        call("POST", "/v1/studies", Some(json!({"name": "another"})), 201),
+        call("GET", "/v1/studies", None, 200),
+        call("GET", "/v1/studies/{study}", None, 200),
+        call("PATCH", "/v1/studies/{study}", Some(json!({"description": "new"})), 200),
+        call("POST", "/v1/studies/{study}/plants", Some(json!({"name": "another", "model": model})), 201),
+        call("GET", "/v1/studies/{study}/plants", None, 200),
+        call("GET", "/v1/plants/{plant}", None, 200),
+        call("PATCH", "/v1/plants/{plant}", Some(json!({"name": "new"})), 200),
+        call("POST", "/v1/studies/{study}/subjects", Some(json!({"code": "another"})), 201),
+        call("GET", "/v1/studies/{study}/subjects", None, 200),
+        call("GET", "/v1/subjects/{subject}", None, 200),
+        call("PATCH", "/v1/subjects/{subject}", Some(json!({"group": "new"})), 200),
+        Call {
+            method: "POST",
+            route: "/v1/subjects/{subject}/trials",
+            query: format!("?plant={}&number=2&session=1", lab.plant),
+            body: Some(json!({"sample_time_s": 0.1, "r": [0.0, 1.0], "u": [0.0, 0.5], "y": [0.0, 0.5]})),
+            status: 201,
+        },
+        call("GET", "/v1/subjects/{subject}/trials", None, 200),
+        call("GET", "/v1/trials/{trial}", None, 200),
+        call("PATCH", "/v1/trials/{trial}", Some(json!({"session": 2})), 200),
+        call("GET", "/v1/trials/{trial}/signals", None, 200),
+        call("POST", "/v1/analyses", Some(request.clone()), 202),
+        call("GET", "/v1/analyses", None, 200),
+        call("POST", "/v1/studies/{study}/analyses", Some(json!({"kind": "frequency_response"})), 202),
+        call("GET", "/v1/studies/{study}/progress", None, 200),
+        call("GET", "/v1/analyses/{analysis}", None, 200),
+        call("GET", "/v1/analyses/{analysis}/report", None, 200),
+        // A frequency response carries none.
+        call("GET", "/v1/analyses/{analysis}/samples", None, 404),
+        call("GET", "/v1/analyses/{analysis}/events", None, 200),
+        call("POST", "/v1/analyses/{analysis}/cancel", None, 200),
+        call("GET", "/v1/subjects/{subject}/learning-curves", None, 200),
+        call("GET", "/v1/studies/{study}/learning-curves", None, 200),
+        call("GET", "/v1/studies/{study}/frequency-responses", None, 200),
+        call("DELETE", "/v1/analyses/{analysis}", None, 204),
+        call("DELETE", "/v1/trials/{trial}", None, 204),
+        call("DELETE", "/v1/subjects/{subject}", None, 204),
+        call("DELETE", "/v1/plants/{plant}", None, 204),
+        call("DELETE", "/v1/studies/{study}", None, 204),
+    ];
+
+    let document: Value = serde_json::from_str(&server.get("/openapi.json").await.text()).unwrap();
+    let documented: BTreeSet<String> = document["paths"]
+        .as_object()
+        .unwrap()
+        .iter()
+        .flat_map(|(path, item)| {
+            item.as_object().unwrap().keys().map(move |method| format!("{} {path}", method.to_uppercase()))
+        })
+        .collect();
+    let exercised: BTreeSet<String> = calls.iter().map(|call| format!("{} {}", call.method, call.route)).collect();
+    assert_eq!(documented, exercised, "every documented operation is exercised, and no other");
+
+    for Call { method, route, query, body, status } in calls {
+        let path = route
+            .replace("{study}", &lab.study)
+            .replace("{plant}", &lab.plant)
+            .replace("{subject}", &lab.subject)
+            .replace("{trial}", &trial)
+            .replace("{analysis}", &done);
+        let mut request = server.request(method, &format!("{path}{query}"));
+        if let Some(body) = &body {
+            request = request.json(body);
+        }
+        let answer = server.send(request).await;
+        assert_eq!(answer.status.as_u16(), status, "{method} {path}: {}", answer.text());
+        let operation = &document["paths"][route][method.to_lowercase()];
+        let described = &operation["responses"][status.to_string()];
+        assert!(described.is_object(), "{method} {route} answers {status}, which is not documented");
+        if let Some(content) = described["content"].as_object() {
+            let media = answer.header("content-type").split(';').next().unwrap();
+            assert!(content.contains_key(media), "{method} {route} answers {media}, which is not documented");
+        } else {
+            assert!(answer.bytes.is_empty(), "{method} {route} answers with a body that is not documented");
+        }
+    }
+    server.finish().await;
+}
+
+#[tokio::test]
+async fn uploads_take_every_documented_media_type() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let document: Value = serde_json::from_str(&volition::api::document()).unwrap();
+    let body = &document["paths"]["/v1/subjects/{subject}/trials"]["post"]["requestBody"]["content"];
+    let documented: BTreeSet<&str> = body.as_object().unwrap().keys().map(String::as_str).collect();
+    assert_eq!(documented, BTreeSet::from(["application/json", "multipart/form-data", "text/csv"]));
+    // The examples are requests that work.
+    let path = format!("/v1/subjects/{}/trials?plant={}", lab.subject, lab.plant);
+    let csv = body["text/csv"]["example"].as_str().unwrap().to_owned();
+    server.send(server.request("POST", &path).header("content-type", "text/csv").body(csv)).await.json(201);
+    let schema = &document["components"]["schemas"]["NewTrial"];
+    server.post(&path, &schema["example"]).await.json(201);
+    let packed = reqwest::multipart::Part::bytes(gzip(recording(8, 1.0).as_bytes())).file_name("a.csv.gz");
+    let form = reqwest::multipart::Form::new().part("files", packed);
+    server.send(server.request("POST", &path).multipart(form)).await.json(201);
+    for (path, schema) in [
+        ("/v1/studies".to_owned(), "NewStudy"),
+        (format!("/v1/studies/{}/plants", lab.study), "NewPlant"),
+        (format!("/v1/studies/{}/subjects", lab.study), "NewSubject"),
+    ] {
+        let mut example = document["components"]["schemas"][schema]["example"].clone();
+        if schema == "NewPlant" {
+            example["name"] = json!("example");
+        }
+        server.post(&path, &example).await.json(201);
+    }
+    server.finish().await;
+}

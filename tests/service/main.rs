@@ -1,0 +1,12 @@
+//! The service: the life of a job, the store, the worker, the interface, and the command in real processes.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+#[path = "../support/property.rs"]
+mod property;
+
+mod api;
+mod jobs;
+mod process;
+mod store;
+mod worker;
+mod worker_bench;

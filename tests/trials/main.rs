@@ -1,0 +1,17 @@
+//! Recordings as a lab has them: readers and writers, metrics, learning curves, import, the demonstration.
+#![allow(clippy::unwrap_used, missing_docs)]
+
+#[path = "../support/property.rs"]
+mod property;
+#[path = "../support/round_trip.rs"]
+mod round_trip;
+#[path = "../support/virtual_subjects.rs"]
+mod virtual_subjects;
+
+mod curves;
+mod demo;
+mod import;
+mod metrics;
+mod readers;
+mod round_trips;
+mod time_columns;
