@@ -142,3 +142,18 @@ fn every_route_exists() {
     }
     assert!(named > 10, "{named}");
 }
+
+/// Every room of `src` has its row in the walk through the rooms.
+#[test]
+fn every_room_is_in_the_walk() {
+    let text = page("docs/architecture.md");
+    let rows: Vec<&str> = text.lines().filter(|line| line.starts_with("| `")).collect();
+    for entry in std::fs::read_dir(root().join("src")).unwrap() {
+        let path = entry.unwrap().path();
+        let room = path.file_stem().unwrap().to_string_lossy().into_owned();
+        if room != "lib" && room != "main" {
+            let name = format!("`{room}`");
+            assert!(rows.iter().any(|row| row.split('|').nth(1).unwrap().contains(&name)), "{name} has no row");
+        }
+    }
+}
