@@ -1,8 +1,8 @@
 //! Analyses: asked for here, computed by workers.
 
-use super::cursor::{PageQuery, Pager};
+use super::cursor::{PageQuery, Paged};
 use super::etag::{self, IfNoneMatch};
-use super::extract::{FromQuery, Id, Json, Params, QueryText, off_thread};
+use super::extract::{FromQuery, Json, Params, QueryText, off_thread};
 use super::idempotency::{Idempotency, IdempotencyHeader, mark};
 use super::named::{Named, View};
 use super::problem::{ApiResult, unless_missing};
@@ -17,7 +17,7 @@ use crate::jobs::Status;
 use crate::store::{AnalysisFilter, AnalysisRecord, NewAnalysis, StoreError};
 use crate::trial::pointer;
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::http::StatusCode;
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -28,7 +28,7 @@ use utoipa::IntoParams;
 /// An analysis: what was asked for and where it stands.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "Analysis")]
-pub struct AnalysisView {
+pub(crate) struct AnalysisView {
     id: AnalysisId,
     kind: Kind,
     status: Status,
@@ -68,7 +68,7 @@ pub struct AnalysisView {
 /// How far an analysis is, in units of its own choosing, as of the last word from its worker.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "Progress")]
-pub struct ProgressView {
+pub(crate) struct ProgressView {
     /// Units finished.
     done: u64,
     /// Units in all; 0 while that is not known.
@@ -85,7 +85,7 @@ pub struct ProgressView {
 /// this is of the search under way, or of the last one.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "Bracket")]
-pub struct BracketView {
+pub(crate) struct BracketView {
     /// The smallest cost found so far.
     cost: f64,
     /// What every candidate is proven to cost at least.
@@ -108,7 +108,7 @@ impl BracketView {
 
 /// Where to go on from an analysis.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct AnalysisLinks {
+pub(crate) struct AnalysisLinks {
     /// The analysis itself.
     #[serde(rename = "self")]
     itself: String,
@@ -134,7 +134,7 @@ impl From<AnalysisRecord> for AnalysisView {
 impl AnalysisView {
     /// Without the request, which may carry data.
     #[must_use]
-    pub fn brief(record: AnalysisRecord) -> Self {
+    pub(crate) fn brief(record: AnalysisRecord) -> Self {
         let itself = format!("/v1/analyses/{}", record.id);
         Self {
             id: record.id,
@@ -173,7 +173,7 @@ const STATUSES: [Status; 5] = [Status::Queued, Status::Running, Status::Succeede
 #[derive(Debug, IntoParams)]
 #[into_params(parameter_in = Path)]
 #[allow(dead_code, reason = "documents the path")]
-pub struct AnalysisPath {
+pub(crate) struct AnalysisPath {
     /// The analysis.
     analysis: AnalysisId,
 }
@@ -181,7 +181,7 @@ pub struct AnalysisPath {
 /// Which analyses.
 #[derive(Debug, Clone, IntoParams)]
 #[into_params(parameter_in = Query)]
-pub struct AnalysisQuery {
+pub(crate) struct AnalysisQuery {
     /// Only those of this study.
     #[param(nullable = false)]
     study: Option<StudyId>,
@@ -211,7 +211,7 @@ impl FromQuery for AnalysisQuery {
 
 /// A checked request, ready to be queued.
 pub(super) struct Checked {
-    pub new: NewAnalysis,
+    pub(crate) new: NewAnalysis,
 }
 
 /// Checks a request; specs can be large grids, so this is work for a blocking thread.
@@ -298,7 +298,7 @@ async fn study_of(state: &AppState, new: &NewAnalysis, inputs: &Value) -> ApiRes
     })),
     responses((status = 202, description = "Queued; Location names the analysis, which says how it goes on.",
         body = AnalysisView)))]
-pub async fn create(
+pub(crate) async fn create(
     State(state): State<AppState>,
     Params(()): Params<()>,
     idempotency: Idempotency,
@@ -323,32 +323,27 @@ pub async fn create(
 #[utoipa::path(get, path = "/v1/analyses", tag = "analyses", operation_id = "list_analyses",
     params(AnalysisQuery, PageQuery, IfNoneMatch),
     responses((status = 200, description = "A page of analyses, without their requests.", body = AnalysisList)))]
-pub async fn list(
-    State(state): State<AppState>,
-    uri: Uri,
-    headers: HeaderMap,
-    Params((filter, page)): Params<(AnalysisQuery, PageQuery)>,
-) -> ApiResult<Response> {
-    let pager = Pager::new(&uri, page)?;
-    let AnalysisQuery { study, trial, kind, status } = filter;
-    let rows = state.store.analyses(AnalysisFilter { study, trial, kind, status }, pager.page()).await?;
-    pager.answer(&headers, rows, |analysis| analysis.id.0, AnalysisView::brief)
+pub(crate) async fn list(list: Paged<AnalysisQuery>) -> ApiResult<Response> {
+    let AnalysisQuery { study, trial, kind, status } = list.filter.clone();
+    let rows = list.state.store.analyses(AnalysisFilter { study, trial, kind, status }, list.page()).await?;
+    list.answer(rows, |analysis| analysis.id.0, AnalysisView::brief)
 }
 
 /// Reads an analysis: its status, attempts and progress.
 #[utoipa::path(get, path = "/v1/analyses/{analysis}", tag = "analyses", operation_id = "read_analysis",
     params(AnalysisPath, IfNoneMatch),
     responses((status = 200, description = "The analysis.", body = AnalysisView)))]
-pub async fn read(analysis: Named<AnalysisView>) -> ApiResult<Response> {
+pub(crate) async fn read(analysis: Named<AnalysisView>) -> ApiResult<Response> {
     analysis.read().await
 }
 
 /// The report's text, or why there is none.
-pub(super) async fn report_text(state: &AppState, id: AnalysisId) -> ApiResult<String> {
-    if let Some(text) = state.store.report_json(id).await? {
+pub(super) async fn report_text(analysis: &Named<AnalysisView>) -> ApiResult<String> {
+    let store = &analysis.state.store;
+    if let Some(text) = store.report_json(analysis.id).await? {
         return Ok(text);
     }
-    let record = state.store.analysis(id).await?;
+    let record = store.analysis(analysis.id).await?;
     let status = record.status.name();
     let (title, mend) = match record.status {
         Status::Failed => ("failed", "GET the analysis: its problem says why."),
@@ -363,14 +358,9 @@ pub(super) async fn report_text(state: &AppState, id: AnalysisId) -> ApiResult<S
     params(AnalysisPath, IfNoneMatch),
     responses((status = 200, description = "The report.", body = Report),
         (status = 409, description = "There is no report: the analysis is not finished, failed, or was cancelled.")))]
-pub async fn report(
-    State(state): State<AppState>,
-    Id(id): Id<AnalysisId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    let text = report_text(&state, id).await?;
-    Ok(etag::conditional_bytes(&headers, "application/json", text.into_bytes()))
+pub(crate) async fn report(analysis: Named<AnalysisView>) -> ApiResult<Response> {
+    let text = report_text(&analysis).await?;
+    Ok(etag::conditional_bytes(&analysis.headers, "application/json", text.into_bytes()))
 }
 
 /// Cancels an analysis: a queued one at once, a running one within moments. A finished one stays as it is.
@@ -378,7 +368,7 @@ pub async fn report(
     params(AnalysisPath),
     responses((status = 200, description = "It is finished: cancelled now, or finished before.", body = AnalysisView),
         (status = 202, description = "It is running and will stop.", body = AnalysisView)))]
-pub async fn cancel(analysis: Named<AnalysisView>) -> ApiResult<Response> {
+pub(crate) async fn cancel(analysis: Named<AnalysisView>) -> ApiResult<Response> {
     let record = analysis.state.store.request_cancel(analysis.id).await?;
     let status = if record.status.is_final() { StatusCode::OK } else { StatusCode::ACCEPTED };
     etag::tagged(status, &AnalysisView::from(record))
@@ -387,7 +377,7 @@ pub async fn cancel(analysis: Named<AnalysisView>) -> ApiResult<Response> {
 /// Deletes an analysis with its report. A running one is abandoned.
 #[utoipa::path(delete, path = "/v1/analyses/{analysis}", tag = "analyses", operation_id = "delete_analysis",
     params(AnalysisPath), responses((status = 204, description = "It is gone.")))]
-pub async fn delete(analysis: Named<AnalysisView>) -> ApiResult<Response> {
+pub(crate) async fn delete(analysis: Named<AnalysisView>) -> ApiResult<Response> {
     analysis.state.store.delete::<AnalysisRecord>(analysis.id, None).await?;
     Ok(no_content())
 }

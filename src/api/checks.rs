@@ -4,22 +4,22 @@ use crate::analysis::{Code, Problem};
 use serde_json::Value;
 
 /// Characters of a name, code or group at most.
-pub const MAX_NAME: usize = 200;
+pub(crate) const MAX_NAME: usize = 200;
 /// Characters of a description at most.
-pub const MAX_DESCRIPTION: usize = 20_000;
+pub(crate) const MAX_DESCRIPTION: usize = 20_000;
 /// Bytes of a subject's attributes, as compact JSON, at most.
-pub const MAX_ATTRIBUTES: usize = 64 << 10;
+pub(crate) const MAX_ATTRIBUTES: usize = 64 << 10;
 /// What a name looks like, for the OpenAPI document: something visible, and no control character.
-pub const NAME_PATTERN: &str = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$";
+pub(crate) const NAME_PATTERN: &str = r"^[^\x00-\x1f\x7f-\x9f]*[^\x00-\x1f\x7f-\x9f\s][^\x00-\x1f\x7f-\x9f]*$";
 
 /// What a text looks like, for the OpenAPI document.
-pub const TEXT_PATTERN: &str = r"^[^\x00]*$";
+pub(crate) const TEXT_PATTERN: &str = r"^[^\x00]*$";
 
 /// A name without the spaces around it.
 ///
 /// # Errors
 /// `invalid` for an empty or overlong name and for one with control characters.
-pub fn name(text: &str, pointer: &str) -> Result<String, Problem> {
+pub(crate) fn name(text: &str, pointer: &str) -> Result<String, Problem> {
     let bad = |why: String| Problem::new(Code::Invalid, "bad name", why).at(pointer);
     if let Some(c) = text.chars().find(|c| c.is_control()) {
         return Err(bad(format!("the control character U+{:04X} is in it", u32::from(c)))
@@ -40,7 +40,7 @@ pub fn name(text: &str, pointer: &str) -> Result<String, Problem> {
 ///
 /// # Errors
 /// `invalid` for an overlong text and for one with a NUL.
-pub fn description(text: &str, pointer: &str) -> Result<String, Problem> {
+pub(crate) fn description(text: &str, pointer: &str) -> Result<String, Problem> {
     let count = text.chars().count();
     let why = if count > MAX_DESCRIPTION {
         format!("it has {count} characters, and {MAX_DESCRIPTION} are taken at most")
@@ -56,7 +56,7 @@ pub fn description(text: &str, pointer: &str) -> Result<String, Problem> {
 ///
 /// # Errors
 /// `invalid` unless it is positive and finite.
-pub fn display_limit(limit: f64, pointer: &str) -> Result<f64, Problem> {
+pub(crate) fn display_limit(limit: f64, pointer: &str) -> Result<f64, Problem> {
     if limit > 0.0 && limit.is_finite() {
         return Ok(limit);
     }
@@ -69,7 +69,7 @@ pub fn display_limit(limit: f64, pointer: &str) -> Result<f64, Problem> {
 ///
 /// # Errors
 /// `invalid` unless they are an object of at most [`MAX_ATTRIBUTES`] bytes.
-pub fn attributes(value: Value, pointer: &str) -> Result<Value, Problem> {
+pub(crate) fn attributes(value: Value, pointer: &str) -> Result<Value, Problem> {
     let bad = |why: String| Problem::new(Code::Invalid, "bad attributes", why).at(pointer);
     if !value.is_object() {
         return Err(bad("they are not an object".to_owned()).mend("Give an object such as {\"handedness\": \"left\"}."));

@@ -1,11 +1,14 @@
 //! Lists in pages by keyset: an opaque token names the last row of the page before.
 
 use super::etag::conditional;
-use super::extract::{FromQuery, QueryText};
-use super::problem::ApiResult;
+use super::extract::{FromQuery, Params, QueryText};
+use super::problem::{ApiError, ApiResult};
+use super::state::AppState;
 use crate::analysis::{Code, Problem};
 use crate::num::hexadecimal::{self, hexadecimal};
 use crate::store::Page;
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, Uri, header};
 use axum::response::Response;
 use schemars::JsonSchema;
@@ -24,18 +27,18 @@ const VERSION: u8 = 1;
 /// Which page of a list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoParams)]
 #[into_params(parameter_in = Query)]
-pub struct PageQuery {
+pub(crate) struct PageQuery {
     /// Rows per page.
     #[param(minimum = 1, maximum = 500, default = 100, required = false)]
-    pub limit: u32,
+    pub(crate) limit: u32,
     /// The `next_cursor` of the page before, unchanged and with the same filters.
     #[param(value_type = Option<String>, nullable = false, pattern = "^[0-9a-f]{42}$")]
-    pub cursor: Option<Cursor>,
+    pub(crate) cursor: Option<Cursor>,
 }
 
 /// A place in a list: after the row with this id, of the list with this fingerprint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Cursor {
+pub(crate) struct Cursor {
     list: [u8; 4],
     after: Uuid,
 }
@@ -81,16 +84,16 @@ fn not_a_cursor() -> Problem {
 /// One page of a list.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "{T}List")]
-pub struct List<T> {
+pub(crate) struct List<T> {
     /// The rows, in the order in which they were made.
-    pub items: Vec<T>,
+    pub(crate) items: Vec<T>,
     /// Where the next page starts; null on the last one.
-    pub next_cursor: Option<String>,
+    pub(crate) next_cursor: Option<String>,
 }
 
 /// A list being paged through: what it lists (path and filters, without the page), and which page.
 #[derive(Debug)]
-pub struct Pager {
+pub(crate) struct Pager {
     list: [u8; 4],
     path: String,
     others: Vec<(String, String)>,
@@ -102,7 +105,7 @@ impl Pager {
     ///
     /// # Errors
     /// `malformed` for the cursor of another list.
-    pub fn new(uri: &Uri, query: PageQuery) -> Result<Self, Problem> {
+    pub(crate) fn new(uri: &Uri, query: PageQuery) -> Result<Self, Problem> {
         let others: Vec<_> =
             QueryText::pairs(uri)?.into_iter().filter(|(name, _)| name != "limit" && name != "cursor").collect();
         let mut hasher = Sha256::new();
@@ -125,7 +128,7 @@ impl Pager {
 
     /// What to ask the store for: one row more than the page holds, to know whether there is a next page.
     #[must_use]
-    pub fn page(&self) -> Page {
+    pub(crate) fn page(&self) -> Page {
         Page { after: self.query.cursor.map(|cursor| cursor.after), limit: self.query.limit + 1 }
     }
 
@@ -133,7 +136,7 @@ impl Pager {
     ///
     /// # Errors
     /// `internal`, if a row cannot be written.
-    pub fn answer<R, T: Serialize>(
+    pub(crate) fn answer<R, T: Serialize>(
         &self,
         headers: &HeaderMap,
         mut rows: Vec<R>,
@@ -159,6 +162,41 @@ impl Pager {
             query.push_str(&format!("&{}={}", percent_encoded(name), percent_encoded(value)));
         }
         format!("<{}?{query}>; rel=\"next\"", self.path)
+    }
+}
+
+/// A request for a page of a list, with what the list is filtered by.
+pub(super) struct Paged<F> {
+    pub(super) state: AppState,
+    pub(super) filter: F,
+    pager: Pager,
+    headers: HeaderMap,
+}
+
+impl<F: FromQuery> FromRequestParts<AppState> for Paged<F> {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &AppState) -> ApiResult<Self> {
+        let Params((filter, page)) = Params::from_request_parts(parts, state).await?;
+        let pager = Pager::new(&parts.uri, page)?;
+        Ok(Self { state: state.clone(), filter, pager, headers: parts.headers.clone() })
+    }
+}
+
+impl<F> Paged<F> {
+    /// What to ask the store for.
+    pub(super) fn page(&self) -> Page {
+        self.pager.page()
+    }
+
+    /// The answer, from the rows that the store gave for [`Paged::page`].
+    pub(super) fn answer<R, T: Serialize>(
+        &self,
+        rows: Vec<R>,
+        id: impl Fn(&R) -> Uuid,
+        view: impl Fn(R) -> T,
+    ) -> ApiResult<Response> {
+        self.pager.answer(&self.headers, rows, id, view)
     }
 }
 

@@ -16,7 +16,7 @@ pub fn document() -> String {
 /// This document.
 #[utoipa::path(get, path = "/openapi.json", tag = "operations", operation_id = "openapi", params(IfNoneMatch),
     responses((status = 200, description = "An OpenAPI 3.1 document.", body = serde_json::Value)))]
-pub async fn read(Params(()): Params<()>, headers: HeaderMap) -> ApiResult<Response> {
+pub(crate) async fn read(Params(()): Params<()>, headers: HeaderMap) -> ApiResult<Response> {
     Ok(conditional_bytes(&headers, "application/json", document().into_bytes()))
 }
 

@@ -12,18 +12,18 @@ use utoipa::IntoParams;
 
 /// A strong entity tag, with its quotes.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ETag(String);
+pub(crate) struct ETag(String);
 
 impl ETag {
     /// The tag of these bytes.
     #[must_use]
-    pub fn of_bytes(bytes: &[u8]) -> Self {
+    pub(crate) fn of_bytes(bytes: &[u8]) -> Self {
         Self(format!("\"{}\"", &hexadecimal(&Sha256::digest(bytes))[..32]))
     }
 
     /// The tag of something that is never changed, named by text that is safe in a header.
     #[must_use]
-    pub fn of_name(name: &str) -> Self {
+    pub(crate) fn of_name(name: &str) -> Self {
         Self(format!("\"{name}\""))
     }
 
@@ -32,7 +32,7 @@ impl ETag {
     /// # Panics
     /// Never: tags are made of visible ASCII.
     #[must_use]
-    pub fn value(&self) -> HeaderValue {
+    pub(crate) fn value(&self) -> HeaderValue {
         HeaderValue::from_str(&self.0).unwrap_or_else(|_| HeaderValue::from_static("\"\""))
     }
 }
@@ -41,7 +41,7 @@ impl ETag {
 #[derive(Debug, IntoParams)]
 #[into_params(parameter_in = Header)]
 #[allow(dead_code, reason = "documents a header that is read from the header map")]
-pub struct IfNoneMatch {
+pub(crate) struct IfNoneMatch {
     /// The ETag of an earlier answer; where nothing has changed since, the answer is 304 without a body.
     #[param(rename = "If-None-Match", required = false, nullable = false, value_type = Option<String>)]
     if_none_match: Option<String>,
@@ -51,7 +51,7 @@ pub struct IfNoneMatch {
 #[derive(Debug, IntoParams)]
 #[into_params(parameter_in = Header)]
 #[allow(dead_code, reason = "documents a header that is read from the header map")]
-pub struct IfMatch {
+pub(crate) struct IfMatch {
     /// The ETag of the state that the change is meant for; where it has changed since, nothing is done and the answer
     /// is 412.
     #[param(rename = "If-Match", required = false, nullable = false, value_type = Option<String>)]
@@ -71,7 +71,7 @@ fn listed<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Option<Vec<&'a str>>
 
 /// Whether the client has this state already (`If-None-Match`, weak comparison).
 #[must_use]
-pub fn is_known(headers: &HeaderMap, tag: &ETag) -> bool {
+pub(crate) fn is_known(headers: &HeaderMap, tag: &ETag) -> bool {
     listed(headers, &header::IF_NONE_MATCH).is_some_and(|tags| {
         tags.iter().any(|known| *known == "*" || known.strip_prefix("W/").unwrap_or(known) == tag.0)
     })
@@ -81,7 +81,7 @@ pub fn is_known(headers: &HeaderMap, tag: &ETag) -> bool {
 ///
 /// # Errors
 /// A `precondition_failed` problem when `If-Match` names another state (strong comparison).
-pub fn require_match<T: Serialize>(headers: &HeaderMap, current: &T, version: i64) -> ApiResult<Option<i64>> {
+pub(crate) fn require_match<T: Serialize>(headers: &HeaderMap, current: &T, version: i64) -> ApiResult<Option<i64>> {
     let Some(tags) = listed(headers, &header::IF_MATCH) else { return Ok(None) };
     let tag = ETag::of_bytes(&to_json(current)?);
     if tags.iter().any(|wanted| *wanted == "*" || *wanted == tag.0) {
@@ -99,7 +99,7 @@ pub fn require_match<T: Serialize>(headers: &HeaderMap, current: &T, version: i6
 
 /// Whether a request is conditional on `If-Match` at all.
 #[must_use]
-pub fn is_conditional(headers: &HeaderMap) -> bool {
+pub(crate) fn is_conditional(headers: &HeaderMap) -> bool {
     headers.contains_key(header::IF_MATCH)
 }
 
@@ -114,7 +114,7 @@ pub(super) fn to_json<T: Serialize>(value: &T) -> Result<Vec<u8>, Problem> {
 ///
 /// # Errors
 /// `internal`, if the value cannot be written.
-pub fn tagged<T: Serialize>(status: StatusCode, value: &T) -> ApiResult<Response> {
+pub(crate) fn tagged<T: Serialize>(status: StatusCode, value: &T) -> ApiResult<Response> {
     let bytes = to_json(value)?;
     let tag = ETag::of_bytes(&bytes);
     Ok(tagged_bytes(status, "application/json", &tag, bytes))
@@ -124,20 +124,20 @@ pub fn tagged<T: Serialize>(status: StatusCode, value: &T) -> ApiResult<Response
 ///
 /// # Errors
 /// `internal`, if the value cannot be written.
-pub fn conditional<T: Serialize>(headers: &HeaderMap, value: &T) -> ApiResult<Response> {
+pub(crate) fn conditional<T: Serialize>(headers: &HeaderMap, value: &T) -> ApiResult<Response> {
     Ok(conditional_bytes(headers, "application/json", to_json(value)?))
 }
 
 /// Bytes in answer to a conditional read: 304 where the client has them already.
 #[must_use]
-pub fn conditional_bytes(headers: &HeaderMap, media_type: &'static str, bytes: Vec<u8>) -> Response {
+pub(crate) fn conditional_bytes(headers: &HeaderMap, media_type: &'static str, bytes: Vec<u8>) -> Response {
     let tag = ETag::of_bytes(&bytes);
     if is_known(headers, &tag) { not_modified(&tag) } else { tagged_bytes(StatusCode::OK, media_type, &tag, bytes) }
 }
 
 /// 304 with the tag.
 #[must_use]
-pub fn not_modified(tag: &ETag) -> Response {
+pub(crate) fn not_modified(tag: &ETag) -> Response {
     (StatusCode::NOT_MODIFIED, [(header::ETAG, tag.value()), (header::CACHE_CONTROL, NO_CACHE)]).into_response()
 }
 
@@ -146,7 +146,7 @@ pub(super) const NO_CACHE: HeaderValue = HeaderValue::from_static("no-cache");
 
 /// Bytes with their type and tag.
 #[must_use]
-pub fn tagged_bytes(status: StatusCode, media_type: &'static str, tag: &ETag, bytes: Vec<u8>) -> Response {
+pub(crate) fn tagged_bytes(status: StatusCode, media_type: &'static str, tag: &ETag, bytes: Vec<u8>) -> Response {
     let headers = [
         (header::CONTENT_TYPE, HeaderValue::from_static(media_type)),
         (header::ETAG, tag.value()),

@@ -1,13 +1,10 @@
 //! The life of an analysis as server-sent events.
 
 use super::analyses::{AnalysisPath, AnalysisView};
-use super::extract::{Id, Params};
+use super::named::Named;
 use super::problem::{ApiError, ApiResult};
-use super::state::AppState;
-use crate::analysis::ids::AnalysisId;
 use crate::analysis::{Code, Problem};
 use crate::store::AnalysisRecord;
-use axum::extract::State;
 use axum::http::{HeaderValue, header};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
@@ -25,7 +22,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
 /// An event of an analysis, as clients read it.
 #[derive(Debug, JsonSchema)]
 #[allow(dead_code, reason = "documents what is streamed")]
-pub struct AnalysisEvent {
+pub(crate) struct AnalysisEvent {
     /// `status`, `progress` or `problem`.
     event: String,
     /// Version of the analysis; problems have none.
@@ -39,13 +36,10 @@ pub struct AnalysisEvent {
 /// last event is `problem`. The ids of events are versions of the analysis.
 #[utoipa::path(get, path = "/v1/analyses/{analysis}/events", tag = "analyses", operation_id = "follow_analysis",
     params(AnalysisPath),
-    responses((status = 200, description = "Events `status`, `progress`, `problem`; the data of the first two is an Analysis.",
+    responses((status = 200,
+        description = "Events `status`, `progress`, `problem`; the data of the first two is an Analysis.",
         body = AnalysisEvent, content_type = "text/event-stream")))]
-pub async fn follow(
-    State(state): State<AppState>,
-    Id(id): Id<AnalysisId>,
-    Params(()): Params<()>,
-) -> ApiResult<Response> {
+pub(crate) async fn follow(Named { state, id, .. }: Named<AnalysisView>) -> ApiResult<Response> {
     let first = state.store.analysis(id).await?;
     let stream = async_stream::stream! {
         yield Ok::<_, Infallible>(event("status", &first));

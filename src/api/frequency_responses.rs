@@ -24,9 +24,10 @@ const MAX_POINTS: i64 = 2000;
 /// Which trial of each subject, at which frequencies.
 #[derive(Debug, Clone, IntoParams)]
 #[into_params(parameter_in = Query)]
-pub struct ResponseQuery {
+pub(crate) struct ResponseQuery {
     /// Which identified trial of each subject: `first`, `last`, or a trial number.
-    #[param(value_type = Option<String>, nullable = false, pattern = "^(first|last|[1-9][0-9]{0,8})$", default = "last")]
+    #[param(value_type = Option<String>, nullable = false, pattern = "^(first|last|[1-9][0-9]{0,8})$",
+        default = "last")]
     trial: TrialSelection,
     /// Lowest frequency in rad/s; without it, that of the identified band.
     #[param(nullable = false, minimum = 0)]
@@ -67,10 +68,11 @@ impl FromQuery for ResponseQuery {
 #[utoipa::path(get, path = "/v1/studies/{study}/frequency-responses", tag = "learning",
     operation_id = "read_study_frequency_responses",
     params(StudyPath, GroupQuery, CurveQuery, ResponseQuery, IfNoneMatch),
-    responses((status = 200, description = "The responses; without frequencies where nothing is identified yet and none are asked for.",
+    responses((status = 200,
+        description = "The responses; without frequencies where nothing is identified yet and none are asked for.",
         body = StudyFrequencyResponses),
         (status = 422, description = "The frequencies asked for make no grid.")))]
-pub async fn of_study(
+pub(crate) async fn of_study(
     State(state): State<AppState>,
     Id(id): Id<StudyId>,
     Params(params): Params<(GroupQuery, (CurveQuery, ResponseQuery))>,

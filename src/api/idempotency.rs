@@ -12,9 +12,9 @@ use sha2::{Digest, Sha256};
 use utoipa::IntoParams;
 
 /// The request header.
-pub const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
+pub(crate) const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
 /// The response header that says that nothing new was made.
-pub const IDEMPOTENT_REPLAYED: HeaderName = HeaderName::from_static("idempotent-replayed");
+pub(crate) const IDEMPOTENT_REPLAYED: HeaderName = HeaderName::from_static("idempotent-replayed");
 /// Characters of a key at most.
 const MAX_LENGTH: usize = 255;
 
@@ -22,7 +22,7 @@ const MAX_LENGTH: usize = 255;
 #[derive(Debug, IntoParams)]
 #[into_params(parameter_in = Header)]
 #[allow(dead_code, reason = "documents a header that the extractor reads")]
-pub struct IdempotencyHeader {
+pub(crate) struct IdempotencyHeader {
     /// A key of the client's choosing, new for each new request: where the same request comes again with the same key
     /// (a retry after a lost answer), nothing is made twice, and the answer names what was made the first time.
     #[param(rename = "Idempotency-Key", required = false, nullable = false, value_type = Option<String>,
@@ -32,7 +32,7 @@ pub struct IdempotencyHeader {
 
 /// The idempotency key of a request, if it has one.
 #[derive(Debug, Clone)]
-pub struct Idempotency {
+pub(crate) struct Idempotency {
     key: Option<String>,
     /// Method and target, part of what makes requests equal.
     target: String,
@@ -41,7 +41,7 @@ pub struct Idempotency {
 impl Idempotency {
     /// The key with the hash of the whole request.
     #[must_use]
-    pub fn key(&self, body: &[u8]) -> Option<IdempotencyKey> {
+    pub(crate) fn key(&self, body: &[u8]) -> Option<IdempotencyKey> {
         let key = self.key.clone()?;
         let mut hasher = Sha256::new();
         hasher.update(&self.target);
@@ -78,7 +78,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Idempotency {
 }
 
 /// Marks the answer where an earlier request had made the thing already.
-pub fn mark<T>(mut response: Response, created: &Created<T>) -> Response {
+pub(crate) fn mark<T>(mut response: Response, created: &Created<T>) -> Response {
     if matches!(created, Created::Replayed(_)) {
         response.headers_mut().insert(IDEMPOTENT_REPLAYED, HeaderValue::from_static("true"));
     }

@@ -12,7 +12,7 @@ use serde::Serialize;
 
 /// The kinds of analysis.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct KindList {
+pub(crate) struct KindList {
     /// They, in the order in which people meet them.
     items: Vec<KindView>,
 }
@@ -20,7 +20,7 @@ pub struct KindList {
 /// A kind of analysis.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "KindDescription")]
-pub struct KindView {
+pub(crate) struct KindView {
     /// Its name, as `kind` in requests and reports.
     name: Kind,
     /// Its name for people.
@@ -37,7 +37,7 @@ pub struct KindView {
 
 /// The schemas of a kind, as JSON pointers into the OpenAPI document.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct KindLinks {
+pub(crate) struct KindLinks {
     /// Of a request.
     request: String,
     /// Of a report.
@@ -62,7 +62,7 @@ impl KindView {
 /// Lists the kinds of analysis, each with its schemas and an example that runs.
 #[utoipa::path(get, path = "/v1/kinds", tag = "analyses", operation_id = "list_kinds", params(IfNoneMatch),
     responses((status = 200, description = "All of them.", body = KindList)))]
-pub async fn list(Params(()): Params<()>, headers: HeaderMap) -> ApiResult<Response> {
+pub(crate) async fn list(Params(()): Params<()>, headers: HeaderMap) -> ApiResult<Response> {
     let items = registry::kinds().map(KindView::of).collect::<Result<_, _>>()?;
     etag::conditional(&headers, &KindList { items })
 }

@@ -18,10 +18,10 @@ use utoipa::IntoParams;
 /// Which group.
 #[derive(Debug, Clone, IntoParams)]
 #[into_params(parameter_in = Query)]
-pub struct GroupQuery {
+pub(crate) struct GroupQuery {
     /// Only subjects of this group.
     #[param(nullable = false)]
-    pub group: Option<String>,
+    pub(crate) group: Option<String>,
 }
 
 impl FromQuery for GroupQuery {
@@ -38,7 +38,7 @@ impl FromQuery for GroupQuery {
 #[utoipa::path(get, path = "/v1/subjects/{subject}/learning-curves", tag = "learning",
     operation_id = "read_subject_learning_curves", params(SubjectPath, CurveQuery, IfNoneMatch),
     responses((status = 200, description = "The curves.", body = SubjectLearningCurve)))]
-pub async fn of_subject(
+pub(crate) async fn of_subject(
     State(state): State<AppState>,
     Id(id): Id<SubjectId>,
     Params(query): Params<CurveQuery>,
@@ -58,7 +58,7 @@ pub async fn of_subject(
 #[utoipa::path(get, path = "/v1/studies/{study}/learning-curves", tag = "learning",
     operation_id = "read_study_learning_curves", params(StudyPath, GroupQuery, CurveQuery, IfNoneMatch),
     responses((status = 200, description = "The curves.", body = StudyLearningCurves)))]
-pub async fn of_study(
+pub(crate) async fn of_study(
     State(state): State<AppState>,
     Id(id): Id<StudyId>,
     Params(params): Params<(GroupQuery, CurveQuery)>,

@@ -23,23 +23,23 @@ const PAGE: u32 = 500;
 /// Which trials, and how they are shown.
 #[derive(Debug, Clone, IntoParams)]
 #[into_params(parameter_in = Query)]
-pub struct CurveQuery {
+pub(crate) struct CurveQuery {
     /// Only trials on this plant.
     #[param(nullable = false)]
-    pub plant: Option<PlantId>,
+    pub(crate) plant: Option<PlantId>,
     /// Only trials of this session.
     #[param(nullable = false, minimum = 0, maximum = 1000000000)]
-    pub session: Option<i64>,
+    pub(crate) session: Option<i64>,
     /// Whether divergent trials are shown.
     #[param(required = false, default = false)]
-    pub include_divergent: bool,
+    pub(crate) include_divergent: bool,
     /// Show the subsystem identifications with this `spec_sha256`; without it, those with the spec that covers most
     /// trials.
     #[param(nullable = false, pattern = "^[0-9a-f]{64}$")]
-    pub spec: Option<String>,
+    pub(crate) spec: Option<String>,
     /// Values dropped at each end in trimmed statistics.
     #[param(required = false, minimum = 0, maximum = 1000, default = 1)]
-    pub trim: usize,
+    pub(crate) trim: usize,
 }
 
 /// The parameter `spec`.
@@ -76,8 +76,8 @@ impl CurveQuery {
 
 /// What was gathered.
 pub(super) struct Gathered {
-    pub subjects: Vec<SubjectInput>,
-    pub remarks: Vec<Remark>,
+    pub(crate) subjects: Vec<SubjectInput>,
+    pub(crate) remarks: Vec<Remark>,
 }
 
 /// The trials of a study that the query asks for, with what was identified from them.

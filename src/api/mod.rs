@@ -2,42 +2,42 @@
 //!
 //! Handlers read the request ([`extract`]), call the store, and answer with views of its records; long or blocking work
 //! runs on blocking threads, never on those that serve requests. Whatever goes wrong is a
-//! [`Problem`](crate::analysis::Problem) that the [`fence`](router()) around all routes writes as
+//! [`Problem`](crate::analysis::Problem) that the [`guard`] around all routes writes as
 //! `application/problem+json`.
 // The macros of `utoipa` write whole paths for what they are given.
 #![allow(unused_qualifications)]
 
-pub mod analyses;
-pub mod checks;
-pub mod cursor;
-pub mod docs;
-pub mod etag;
-pub mod events;
-pub mod extract;
-mod fence;
-pub mod frequency_responses;
-pub mod idempotency;
-pub mod kinds;
-pub mod learning_curves;
+mod analyses;
+mod checks;
+mod cursor;
+mod docs;
+mod etag;
+mod events;
+mod extract;
+mod frequency_responses;
+mod guard;
+mod idempotency;
+mod kinds;
+mod learning_curves;
 mod learning_inputs;
 mod named;
-pub mod ops;
-pub mod plants;
-pub mod problem;
-pub mod router;
-pub mod samples;
+mod ops;
+mod plants;
+mod problem;
+mod router;
+mod samples;
 mod schema;
-pub mod signals;
-pub mod state;
-pub mod studies;
-pub mod study_analyses;
-pub mod subjects;
-pub mod trials;
-pub mod upload;
+mod signals;
+mod state;
+mod studies;
+mod study_analyses;
+mod subjects;
+mod trials;
+mod upload;
 
 pub use docs::document;
 pub use router::{openapi, router};
-pub use state::{AppState, Hosts, Limits};
+pub use state::{AppState, Limits};
 
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};

@@ -24,7 +24,7 @@ pub(super) trait View: Serialize + From<Self::Record> + Send {
 pub(super) struct Named<V: View> {
     pub(super) state: AppState,
     pub(super) id: <V::Record as Noun>::Id,
-    headers: HeaderMap,
+    pub(super) headers: HeaderMap,
 }
 
 impl<V: View> FromRequestParts<AppState> for Named<V> {

@@ -72,7 +72,7 @@ impl HttpTelemetry {
 
 /// That the server lives.
 #[derive(Debug, Serialize, JsonSchema)]
-pub struct Health {
+pub(crate) struct Health {
     /// `ok`.
     #[schemars(example = &"ok")]
     status: &'static str,
@@ -86,7 +86,7 @@ const HEALTH: Health = Health { status: "ok", version: env!("CARGO_PKG_VERSION")
 /// Whether the process answers.
 #[utoipa::path(get, path = "/healthz", tag = "operations", operation_id = "health",
     responses((status = 200, description = "It does.", body = Health)))]
-pub async fn healthz(Params(()): Params<()>) -> Json<Health> {
+pub(crate) async fn healthz(Params(()): Params<()>) -> Json<Health> {
     Json(HEALTH)
 }
 
@@ -94,7 +94,7 @@ pub async fn healthz(Params(()): Params<()>) -> Json<Health> {
 #[utoipa::path(get, path = "/readyz", tag = "operations", operation_id = "readiness",
     responses((status = 200, description = "It can.", body = Health),
         (status = 503, description = "The database does not answer.")))]
-pub async fn readyz(State(state): State<AppState>, Params(()): Params<()>) -> ApiResult<Json<Health>> {
+pub(crate) async fn readyz(State(state): State<AppState>, Params(()): Params<()>) -> ApiResult<Json<Health>> {
     match state.store.ping().await {
         Ok(()) => Ok(Json(HEALTH)),
         Err(error) => {
@@ -124,7 +124,7 @@ fn write_cache(cache: &CacheStatistics, out: &mut String) -> std::fmt::Result {
 /// Request counts, latencies, the queue and the cache, in the Prometheus text format.
 #[utoipa::path(get, path = "/metrics", tag = "operations", operation_id = "metrics",
     responses((status = 200, description = "Counters and gauges.", body = String, content_type = "text/plain")))]
-pub async fn metrics(State(state): State<AppState>, Params(()): Params<()>) -> ApiResult<Response> {
+pub(crate) async fn metrics(State(state): State<AppState>, Params(()): Params<()>) -> ApiResult<Response> {
     let analyses = state.store.count_by_status().await?;
     let mut text = String::new();
     let written = (|| {

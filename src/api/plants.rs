@@ -1,7 +1,7 @@
 //! Plants: what subjects control.
 
 use super::checks::{self, NAME_PATTERN};
-use super::cursor::{PageQuery, Pager};
+use super::cursor::{PageQuery, Paged};
 use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{Id, Json, MergePatch, Params, from_value, present};
 use super::idempotency::{Idempotency, IdempotencyHeader};
@@ -15,7 +15,6 @@ use crate::analysis::{Code, Problem};
 use crate::control::Model;
 use crate::store::{NewPlant, Plant, PlantPatch};
 use axum::extract::State;
-use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -26,7 +25,7 @@ use utoipa::IntoParams;
 /// A plant. Its model never changes: results were computed with it.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "Plant")]
-pub struct PlantView {
+pub(crate) struct PlantView {
     id: PlantId,
     study: StudyId,
     name: String,
@@ -55,8 +54,10 @@ impl From<Plant> for PlantView {
 /// A plant to be made.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "NewPlant", example = serde_json::json!({"name": "gm", "model": {"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}}))]
-pub struct NewPlantBody {
+#[schemars(rename = "NewPlant", example = serde_json::json!({
+    "name": "gm", "model": {"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null}
+}))]
+pub(crate) struct NewPlantBody {
     /// Its name, unique within the study: not blank, without control characters.
     #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     name: String,
@@ -69,7 +70,7 @@ pub struct NewPlantBody {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "PlantPatch")]
-pub struct PlantPatchBody {
+pub(crate) struct PlantPatchBody {
     /// A new name.
     #[serde(default, deserialize_with = "present")]
     #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
@@ -80,7 +81,7 @@ pub struct PlantPatchBody {
 #[derive(Debug, IntoParams)]
 #[into_params(parameter_in = Path)]
 #[allow(dead_code, reason = "documents the path")]
-pub struct PlantPath {
+pub(crate) struct PlantPath {
     /// The plant.
     plant: PlantId,
 }
@@ -89,7 +90,7 @@ pub struct PlantPath {
 ///
 /// # Errors
 /// `invalid` with the pointer of the field, for a value that is no model and for a model that is no system.
-pub fn model(value: &Value, pointer: &str) -> Result<Model, Problem> {
+pub(crate) fn model(value: &Value, pointer: &str) -> Result<Model, Problem> {
     let Some(object) = value.as_object() else {
         return Err(Problem::new(Code::Invalid, "no model", "the model is not an object").at(pointer).mend(FORMS));
     };
@@ -120,7 +121,7 @@ const FORMS: &str = "Give {\"num\", \"den\", \"sample_time_s\"} in descending po
 #[utoipa::path(post, path = "/v1/studies/{study}/plants", tag = "plants", operation_id = "create_plant",
     params(StudyPath, IdempotencyHeader), request_body = NewPlantBody,
     responses((status = 201, description = "The new plant; Location names it.", body = PlantView)))]
-pub async fn create(
+pub(crate) async fn create(
     State(state): State<AppState>,
     Id(study): Id<StudyId>,
     Params(()): Params<()>,
@@ -136,22 +137,15 @@ pub async fn create(
 #[utoipa::path(get, path = "/v1/studies/{study}/plants", tag = "plants", operation_id = "list_plants",
     params(StudyPath, PageQuery, IfNoneMatch),
     responses((status = 200, description = "A page of plants.", body = PlantList)))]
-pub async fn list(
-    State(state): State<AppState>,
-    Id(study): Id<StudyId>,
-    uri: Uri,
-    headers: HeaderMap,
-    Params(page): Params<PageQuery>,
-) -> ApiResult<Response> {
-    let pager = Pager::new(&uri, page)?;
-    let rows = state.store.plants(study, pager.page()).await?;
-    pager.answer(&headers, rows, |plant| plant.id.0, PlantView::from)
+pub(crate) async fn list(Id(study): Id<StudyId>, list: Paged<()>) -> ApiResult<Response> {
+    let rows = list.state.store.plants(study, list.page()).await?;
+    list.answer(rows, |plant| plant.id.0, PlantView::from)
 }
 
 /// Reads a plant.
 #[utoipa::path(get, path = "/v1/plants/{plant}", tag = "plants", operation_id = "read_plant",
     params(PlantPath, IfNoneMatch), responses((status = 200, description = "The plant.", body = PlantView)))]
-pub async fn read(plant: Named<PlantView>) -> ApiResult<Response> {
+pub(crate) async fn read(plant: Named<PlantView>) -> ApiResult<Response> {
     plant.read().await
 }
 
@@ -161,7 +155,10 @@ pub async fn read(plant: Named<PlantView>) -> ApiResult<Response> {
     request_body(content((PlantPatchBody = "application/merge-patch+json"), (PlantPatchBody = "application/json"))),
     responses((status = 200, description = "The plant as it is now.", body = PlantView),
         (status = 409, description = "Another plant of the study has this name.")))]
-pub async fn patch(plant: Named<PlantView>, MergePatch(body): MergePatch<PlantPatchBody>) -> ApiResult<Response> {
+pub(crate) async fn patch(
+    plant: Named<PlantView>,
+    MergePatch(body): MergePatch<PlantPatchBody>,
+) -> ApiResult<Response> {
     let patch = PlantPatch { name: body.name.map(|name| checks::name(&name, "/name")).transpose()? };
     plant.change(patch).await
 }
@@ -170,6 +167,6 @@ pub async fn patch(plant: Named<PlantView>, MergePatch(body): MergePatch<PlantPa
 #[utoipa::path(delete, path = "/v1/plants/{plant}", tag = "plants", operation_id = "delete_plant",
     params(PlantPath, IfMatch), responses((status = 204, description = "It is gone."),
         (status = 409, description = "Trials were recorded on it.")))]
-pub async fn delete(plant: Named<PlantView>) -> ApiResult<Response> {
+pub(crate) async fn delete(plant: Named<PlantView>) -> ApiResult<Response> {
     plant.delete().await
 }

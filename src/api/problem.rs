@@ -1,7 +1,7 @@
 //! Everything that goes wrong leaves as `application/problem+json` (RFC 9457).
 //!
-//! Handlers answer with an [`ApiError`]; it travels as an extension of the response to [the fence around all
-//! routes](super::router()), which knows the request's id and writes the body.
+//! Handlers answer with an [`ApiError`]; it travels as an extension of the response to [the guard around all
+//! routes](super::guard), which knows the request's id and writes the body.
 
 use crate::analysis::problem::ProblemCode;
 use crate::analysis::{Code, Problem};
@@ -12,14 +12,14 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// The media type of every problem.
-pub const PROBLEM_JSON: &str = "application/problem+json";
+pub(crate) const PROBLEM_JSON: &str = "application/problem+json";
 
 /// What can go wrong with a request itself, whatever it asks for.
 ///
 /// Written in `snake_case`, as the last part of the problem's `type`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum RequestCode {
+pub(crate) enum RequestCode {
     /// The thing changed since it was read (`If-Match`).
     PreconditionFailed,
     /// The body is of a media type or encoding that the route does not take.
@@ -47,7 +47,7 @@ impl ProblemCode for RequestCode {
 /// What sort of problem an answer is about, stable across versions; clients branch on this and never on the texts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
-pub enum HttpCode {
+pub(crate) enum HttpCode {
     /// With what the request asks for, or with the data in it: also whatever of it cannot be read (header, query, path
     /// and form too), and a body that is too large.
     Analysis(Code),
@@ -78,7 +78,7 @@ impl From<RequestCode> for HttpCode {
 
 /// The HTTP status that belongs to a code.
 #[must_use]
-pub fn status_of(code: HttpCode) -> StatusCode {
+pub(crate) fn status_of(code: HttpCode) -> StatusCode {
     match code {
         HttpCode::Analysis(code) => match code {
             Code::Malformed => StatusCode::BAD_REQUEST,
@@ -103,19 +103,19 @@ pub fn status_of(code: HttpCode) -> StatusCode {
 
 /// A problem on its way out.
 #[derive(Debug, Clone)]
-pub struct ApiError {
+pub(crate) struct ApiError {
     problem: Box<Problem<HttpCode>>,
     status: StatusCode,
     headers: HeaderMap,
 }
 
 /// What handlers return.
-pub type ApiResult<T> = Result<T, ApiError>;
+pub(crate) type ApiResult<T> = Result<T, ApiError>;
 
 impl ApiError {
     /// The problem itself.
     #[must_use]
-    pub fn problem(&self) -> &Problem<HttpCode> {
+    pub(crate) fn problem(&self) -> &Problem<HttpCode> {
         &self.problem
     }
 
@@ -125,14 +125,14 @@ impl ApiError {
 
     /// Answers with another status than the code's own.
     #[must_use]
-    pub fn with_status(mut self, status: StatusCode) -> Self {
+    pub(crate) fn with_status(mut self, status: StatusCode) -> Self {
         self.status = status;
         self
     }
 
     /// Adds a header.
     #[must_use]
-    pub fn with_header(mut self, name: HeaderName, value: HeaderValue) -> Self {
+    pub(crate) fn with_header(mut self, name: HeaderName, value: HeaderValue) -> Self {
         self.headers.insert(name, value);
         self
     }
@@ -200,7 +200,7 @@ pub(super) fn unless_missing<T>(found: StoreResult<T>) -> ApiResult<Option<T>> {
 
 /// A defect; the log has the rest.
 #[must_use]
-pub fn internal() -> Problem {
+pub(crate) fn internal() -> Problem {
     Problem::new(
         Code::Internal,
         "the server failed",
@@ -227,35 +227,36 @@ impl IntoResponse for ApiError {
 #[schemars(example = serde_json::json!({
     "type": "urn:volition:problem:invalid", "title": "unknown kind of analysis", "status": 422,
     "detail": "there is no kind 'sisd'", "instance": "urn:uuid:0199d2f4-7a3c-7bb0-8a41-2f6a7e1c9d10",
-    "code": "invalid", "where": "/kind", "mend": "Use one of: frequency_response, ssid, two_stimulus, gain_fit, inverse_lqr, inverse_lqe, inverse_lqg."
+    "code": "invalid", "where": "/kind",
+    "mend": "Use one of: frequency_response, ssid, two_stimulus, gain_fit, inverse_lqr, inverse_lqe, inverse_lqg."
 }))]
-pub struct HttpProblem {
+pub(crate) struct HttpProblem {
     /// What sort of problem: `urn:volition:problem:` and the code.
     #[serde(rename = "type")]
-    pub type_uri: String,
+    pub(crate) type_uri: String,
     /// What is wrong, in a few words.
-    pub title: String,
+    pub(crate) title: String,
     /// The HTTP status.
     #[schemars(range(min = 400, max = 599))]
-    pub status: u16,
+    pub(crate) status: u16,
     /// Why it is wrong, with the values at hand.
-    pub detail: String,
+    pub(crate) detail: String,
     /// The request's id, as in the header `X-Request-Id` and in the server's log.
-    pub instance: String,
+    pub(crate) instance: String,
     /// The code on its own; programs branch on this.
-    pub code: HttpCode,
+    pub(crate) code: HttpCode,
     /// Where: a JSON pointer into the body (`/spec/pool`), a column and row, a query parameter, a header.
     #[serde(rename = "where", skip_serializing_if = "Option::is_none", default)]
-    pub location: Option<String>,
+    pub(crate) location: Option<String>,
     /// How to mend it.
     #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub mend: Option<String>,
+    pub(crate) mend: Option<String>,
 }
 
 impl HttpProblem {
     /// The problem as answered with `status` to the request named `instance`.
     #[must_use]
-    pub fn new(problem: Problem<HttpCode>, status: StatusCode, instance: String) -> Self {
+    pub(crate) fn new(problem: Problem<HttpCode>, status: StatusCode, instance: String) -> Self {
         let Problem { type_uri, title, detail, code, location, mend } = problem;
         Self { type_uri, title, status: status.as_u16(), detail, instance, code, location, mend }
     }

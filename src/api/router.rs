@@ -1,6 +1,6 @@
 //! Routes, layers, and the OpenAPI document that both come from.
 
-use super::fence::fence;
+use super::guard::guard;
 use super::problem::{HttpProblem, PROBLEM_JSON};
 use super::state::AppState;
 use super::{
@@ -71,7 +71,7 @@ fn routes() -> OpenApiRouter<AppState> {
 /// The whole service.
 pub fn router(state: AppState) -> Router {
     let (router, _) = routes().split_for_parts();
-    router.merge(docs::pages()).layer(axum::middleware::from_fn_with_state(state.clone(), fence)).with_state(state)
+    router.merge(docs::pages()).layer(axum::middleware::from_fn_with_state(state.clone(), guard)).with_state(state)
 }
 
 /// The OpenAPI document: the operations as the routes say, the schemas as [`schema`] says.

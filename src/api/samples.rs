@@ -1,14 +1,11 @@
 //! The samples that an analysis made, as a table.
 
-use super::analyses::{AnalysisPath, report_text};
+use super::analyses::{AnalysisPath, AnalysisView, report_text};
 use super::etag::{self, IfNoneMatch};
-use super::extract::{Id, Params, off_thread};
+use super::extract::off_thread;
+use super::named::Named;
 use super::problem::ApiResult;
-use super::state::AppState;
-use crate::analysis::ids::AnalysisId;
 use crate::analysis::{Code, Problem, Report, samples};
-use axum::extract::State;
-use axum::http::HeaderMap;
 use axum::response::Response;
 
 /// Downloads the samples of a report as CSV, as they are to be played: a judged excitation, a designed input or target.
@@ -19,18 +16,13 @@ use axum::response::Response;
             content((String = "text/csv", example = "t,signal\r\n0.0,0.0\r\n"))),
         (status = 404, description = "There is no such analysis, or its result carries no samples."),
         (status = 409, description = "There is no report: the analysis is not finished, failed, or was cancelled.")))]
-pub async fn read(
-    State(state): State<AppState>,
-    Id(id): Id<AnalysisId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
-    let text = report_text(&state, id).await?;
+pub(crate) async fn read(analysis: Named<AnalysisView>) -> ApiResult<Response> {
+    let text = report_text(&analysis).await?;
     let written = off_thread(move || {
         let report: Report = serde_json::from_str(&text)
             .map_err(|error| Problem::new(Code::Internal, "unreadable report", error.to_string()))?;
         samples::csv(&report)
     })
     .await?;
-    Ok(etag::conditional_bytes(&headers, "text/csv; charset=utf-8; header=present", written?.into_bytes()))
+    Ok(etag::conditional_bytes(&analysis.headers, "text/csv; charset=utf-8; header=present", written?.into_bytes()))
 }

@@ -1,15 +1,13 @@
 //! A trial's recording, bit for bit as it was uploaded.
 
 use super::etag::{ETag, IfNoneMatch, is_known, not_modified};
-use super::extract::{Id, Params, header_text};
+use super::extract::header_text;
+use super::named::Named;
 use super::problem::{ApiResult, RequestCode};
-use super::state::AppState;
-use super::trials::TrialPath;
+use super::trials::{TrialPath, TrialView};
 use crate::analysis::Problem;
-use crate::analysis::ids::TrialId;
 use crate::trial::{Trial, write};
 use axum::body::{Body, Bytes};
-use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use schemars::JsonSchema;
@@ -25,13 +23,13 @@ const CHUNK: usize = 64 << 10;
 const CHUNKS_AHEAD: usize = 8;
 
 /// The header that carries the sample time beside a CSV file.
-pub const SAMPLE_TIME: HeaderName = HeaderName::from_static("volition-sample-time-s");
+pub(crate) const SAMPLE_TIME: HeaderName = HeaderName::from_static("volition-sample-time-s");
 
 /// Columns of equal length.
 #[derive(Debug, Serialize, JsonSchema)]
 #[schemars(rename = "Signals")]
 #[allow(dead_code, reason = "documents what is streamed")]
-pub struct SignalsDocument {
+pub(crate) struct SignalsDocument {
     /// Time between samples, in seconds.
     sample_time_s: f64,
     /// Time in seconds, where it was recorded.
@@ -57,7 +55,7 @@ enum Format {
 #[derive(Debug, IntoParams)]
 #[into_params(parameter_in = Header)]
 #[allow(dead_code, reason = "documents a header that is read from the header map")]
-pub struct AcceptSignals {
+pub(crate) struct AcceptSignals {
     /// `text/csv` (the default) or `application/json`, with quality values as in RFC 9110.
     #[param(rename = "Accept", required = false, nullable = false, value_type = Option<String>, example = "text/csv")]
     accept: Option<String>,
@@ -108,15 +106,13 @@ fn negotiate(headers: &HeaderMap) -> Result<Format, Problem<RequestCode>> {
 #[utoipa::path(get, path = "/v1/trials/{trial}/signals", tag = "trials", operation_id = "read_signals",
     params(TrialPath, AcceptSignals, IfNoneMatch),
     responses(
-        (status = 200, description = "The recorded columns. As CSV, the header Volition-Sample-Time-S carries the sample time.",
-            content((String = "text/csv", example = "t,r,u,y\r\n0.0,0.0,0.0,0.0\r\n"), (SignalsDocument = "application/json"))),
+        (status = 200,
+            description = "The recorded columns. As CSV, the header Volition-Sample-Time-S carries the sample time.",
+            content(
+                (String = "text/csv", example = "t,r,u,y\r\n0.0,0.0,0.0,0.0\r\n"),
+                (SignalsDocument = "application/json"))),
         (status = 406, description = "Neither text/csv nor application/json is acceptable.")))]
-pub async fn read(
-    State(state): State<AppState>,
-    Id(id): Id<TrialId>,
-    Params(()): Params<()>,
-    headers: HeaderMap,
-) -> ApiResult<Response> {
+pub(crate) async fn read(Named { state, id, headers }: Named<TrialView>) -> ApiResult<Response> {
     let format = negotiate(&headers)?;
     let record = state.store.trial(id).await?;
     let (suffix, media) = match format {

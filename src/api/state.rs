@@ -50,16 +50,6 @@ impl Default for Limits {
     }
 }
 
-/// Which `Host` and `Origin` headers are served.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Hosts {
-    /// Any.
-    Any,
-    /// Only names of the loopback interface: a web page that makes its own name point to 127.0.0.1 (DNS rebinding), or
-    /// posts a form across origins, is refused.
-    Loopback,
-}
-
 /// What every handler shares; cheap to clone.
 #[derive(Debug, Clone)]
 pub struct AppState {
@@ -67,8 +57,6 @@ pub struct AppState {
     pub store: Store,
     /// How much one request may ask.
     pub limits: Limits,
-    /// Which hosts are served.
-    pub hosts: Hosts,
     /// Cancelled when the server begins to drain: event streams end, so that connections can close.
     pub shutdown: CancellationToken,
     pub(super) uploads: Arc<Semaphore>,
@@ -80,13 +68,12 @@ pub struct AppState {
 }
 
 impl AppState {
-    /// State over a store, with default limits and loopback hosts only.
+    /// State over a store, with default limits.
     #[must_use]
     pub fn new(store: Store) -> Self {
         Self {
             store,
             limits: Limits::default(),
-            hosts: Hosts::Loopback,
             shutdown: CancellationToken::new(),
             uploads: Arc::new(Semaphore::new(Limits::default().concurrent_uploads)),
             numbering: Arc::default(),
@@ -100,13 +87,6 @@ impl AppState {
     pub fn with_limits(mut self, limits: Limits) -> Self {
         self.limits = limits;
         self.uploads = Arc::new(Semaphore::new(limits.concurrent_uploads.max(1)));
-        self
-    }
-
-    /// With other hosts served.
-    #[must_use]
-    pub fn with_hosts(mut self, hosts: Hosts) -> Self {
-        self.hosts = hosts;
         self
     }
 

@@ -1,7 +1,7 @@
 //! Studies.
 
 use super::checks::{self, NAME_PATTERN, TEXT_PATTERN};
-use super::cursor::{PageQuery, Pager};
+use super::cursor::{PageQuery, Paged};
 use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{Json, MergePatch, Params, or_default, present};
 use super::idempotency::{Idempotency, IdempotencyHeader};
@@ -12,7 +12,6 @@ use super::state::AppState;
 use crate::analysis::ids::StudyId;
 use crate::store::{NewStudy, Study, StudyPatch};
 use axum::extract::State;
-use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -22,7 +21,7 @@ use utoipa::IntoParams;
 /// A study, the frame of everything else.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "Study")]
-pub struct StudyView {
+pub(crate) struct StudyView {
     id: StudyId,
     name: String,
     description: String,
@@ -53,7 +52,7 @@ impl From<Study> for StudyView {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "NewStudy", example = serde_json::json!({"name": "gm and gn", "display_limit": 5.0}))]
-pub struct NewStudyBody {
+pub(crate) struct NewStudyBody {
     /// Its name: not blank, without control characters.
     #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     name: String,
@@ -71,7 +70,7 @@ pub struct NewStudyBody {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "StudyPatch", example = serde_json::json!({"display_limit": null}))]
-pub struct StudyPatchBody {
+pub(crate) struct StudyPatchBody {
     /// A new name.
     #[serde(default, deserialize_with = "present")]
     #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
@@ -90,7 +89,7 @@ pub struct StudyPatchBody {
 #[derive(Debug, IntoParams)]
 #[into_params(parameter_in = Path)]
 #[allow(dead_code, reason = "documents the path")]
-pub struct StudyPath {
+pub(crate) struct StudyPath {
     /// The study.
     study: StudyId,
 }
@@ -99,7 +98,7 @@ pub struct StudyPath {
 #[utoipa::path(post, path = "/v1/studies", tag = "studies", operation_id = "create_study",
     params(IdempotencyHeader), request_body = NewStudyBody,
     responses((status = 201, description = "The new study; Location names it.", body = StudyView)))]
-pub async fn create(
+pub(crate) async fn create(
     State(state): State<AppState>,
     Params(()): Params<()>,
     idempotency: Idempotency,
@@ -115,23 +114,18 @@ pub async fn create(
 }
 
 /// Lists studies.
-#[utoipa::path(get, path = "/v1/studies", tag = "studies", operation_id = "list_studies", params(PageQuery, IfNoneMatch),
+#[utoipa::path(get, path = "/v1/studies", tag = "studies", operation_id = "list_studies",
+    params(PageQuery, IfNoneMatch),
     responses((status = 200, description = "A page of studies.", body = StudyList)))]
-pub async fn list(
-    State(state): State<AppState>,
-    uri: Uri,
-    headers: HeaderMap,
-    Params(page): Params<PageQuery>,
-) -> ApiResult<Response> {
-    let pager = Pager::new(&uri, page)?;
-    let rows = state.store.studies(pager.page()).await?;
-    pager.answer(&headers, rows, |study| study.id.0, StudyView::from)
+pub(crate) async fn list(list: Paged<()>) -> ApiResult<Response> {
+    let rows = list.state.store.studies(list.page()).await?;
+    list.answer(rows, |study| study.id.0, StudyView::from)
 }
 
 /// Reads a study.
 #[utoipa::path(get, path = "/v1/studies/{study}", tag = "studies", operation_id = "read_study",
     params(StudyPath, IfNoneMatch), responses((status = 200, description = "The study.", body = StudyView)))]
-pub async fn read(study: Named<StudyView>) -> ApiResult<Response> {
+pub(crate) async fn read(study: Named<StudyView>) -> ApiResult<Response> {
     study.read().await
 }
 
@@ -140,7 +134,10 @@ pub async fn read(study: Named<StudyView>) -> ApiResult<Response> {
     params(StudyPath, IfMatch),
     request_body(content((StudyPatchBody = "application/merge-patch+json"), (StudyPatchBody = "application/json"))),
     responses((status = 200, description = "The study as it is now.", body = StudyView)))]
-pub async fn patch(study: Named<StudyView>, MergePatch(body): MergePatch<StudyPatchBody>) -> ApiResult<Response> {
+pub(crate) async fn patch(
+    study: Named<StudyView>,
+    MergePatch(body): MergePatch<StudyPatchBody>,
+) -> ApiResult<Response> {
     let patch = StudyPatch {
         name: body.name.map(|name| checks::name(&name, "/name")).transpose()?,
         description: body.description.map(|text| checks::description(&text, "/description")).transpose()?,
@@ -155,6 +152,6 @@ pub async fn patch(study: Named<StudyView>, MergePatch(body): MergePatch<StudyPa
 /// Deletes a study with its plants, subjects, trials and analyses, and overwrites what they held.
 #[utoipa::path(delete, path = "/v1/studies/{study}", tag = "studies", operation_id = "delete_study",
     params(StudyPath, IfMatch), responses((status = 204, description = "It is gone.")))]
-pub async fn delete(study: Named<StudyView>) -> ApiResult<Response> {
+pub(crate) async fn delete(study: Named<StudyView>) -> ApiResult<Response> {
     study.delete().await
 }

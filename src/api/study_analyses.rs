@@ -24,8 +24,10 @@ use utoipa::IntoParams;
 /// What to compute, and of which trials.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(example = serde_json::json!({"kind": "ssid", "spec": {"pool": "zhang2015_appendix_b"}, "filter": {"group": "gm"}}))]
-pub struct BulkRequest {
+#[schemars(example = serde_json::json!({
+    "kind": "ssid", "spec": {"pool": "zhang2015_appendix_b"}, "filter": {"group": "gm"}
+}))]
+pub(crate) struct BulkRequest {
     /// The kind; one that takes a single trial as its input.
     #[schemars(with = "Kind")]
     kind: String,
@@ -46,7 +48,7 @@ fn empty() -> Value {
 /// Which trials of a study: those for which everything given holds.
 #[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct BulkFilter {
+pub(crate) struct BulkFilter {
     /// Of subjects of this group.
     #[schemars(length(max = 200))]
     group: Option<String>,
@@ -69,7 +71,7 @@ pub struct BulkFilter {
 
 /// What was queued: a run.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct BulkAnswer {
+pub(crate) struct BulkAnswer {
     /// How many analyses were queued.
     created: usize,
     /// They, in the order of the trials.
@@ -82,7 +84,7 @@ pub struct BulkAnswer {
 
 /// An analysis that was queued.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct BulkAnalysis {
+pub(crate) struct BulkAnalysis {
     /// The analysis.
     id: AnalysisId,
     /// Its trial.
@@ -91,7 +93,7 @@ pub struct BulkAnalysis {
 
 /// A trial that no analysis was queued for.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct Skipped {
+pub(crate) struct Skipped {
     /// The trial.
     trial: TrialId,
     /// Why.
@@ -102,7 +104,7 @@ pub struct Skipped {
 #[utoipa::path(post, path = "/v1/studies/{study}/analyses", tag = "analyses", operation_id = "create_study_analyses",
     params(StudyPath, IdempotencyHeader), request_body = BulkRequest,
     responses((status = 202, description = "Queued.", body = BulkAnswer)))]
-pub async fn create(
+pub(crate) async fn create(
     State(state): State<AppState>,
     Id(study): Id<StudyId>,
     Params(()): Params<()>,
@@ -171,7 +173,7 @@ pub async fn create(
 /// Which analyses of a study.
 #[derive(Debug, Clone, IntoParams)]
 #[into_params(parameter_in = Query)]
-pub struct RunQuery {
+pub(crate) struct RunQuery {
     /// Only those of this kind.
     #[param(nullable = false, inline)]
     kind: Option<Kind>,
@@ -189,7 +191,7 @@ impl FromQuery for RunQuery {
 
 /// How far the analyses of a study are.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct StudyProgress {
+pub(crate) struct StudyProgress {
     /// Analyses that came to an end, whichever.
     done: u64,
     /// Analyses in all.
@@ -202,7 +204,7 @@ pub struct StudyProgress {
 
 /// How many analyses there are in each status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, JsonSchema)]
-pub struct StatusCounts {
+pub(crate) struct StatusCounts {
     queued: u64,
     running: u64,
     succeeded: u64,
@@ -232,7 +234,7 @@ impl From<RunProgress> for StudyProgress {
 #[utoipa::path(get, path = "/v1/studies/{study}/progress", tag = "analyses", operation_id = "study_progress",
     params(StudyPath, RunQuery, IfNoneMatch),
     responses((status = 200, description = "How far they are.", body = StudyProgress)))]
-pub async fn progress(
+pub(crate) async fn progress(
     State(state): State<AppState>,
     Id(study): Id<StudyId>,
     Params(RunQuery { kind, spec }): Params<RunQuery>,

@@ -1,7 +1,7 @@
 //! Subjects, by pseudonym.
 
 use super::checks::{self, NAME_PATTERN};
-use super::cursor::{PageQuery, Pager};
+use super::cursor::{PageQuery, Paged};
 use super::etag::{IfMatch, IfNoneMatch};
 use super::extract::{FromQuery, Id, Json, MergePatch, Params, QueryText, or_default, present};
 use super::idempotency::{Idempotency, IdempotencyHeader};
@@ -14,7 +14,6 @@ use crate::analysis::Problem;
 use crate::analysis::ids::{StudyId, SubjectId};
 use crate::store::{NewSubject, Subject, SubjectPatch};
 use axum::extract::State;
-use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -25,7 +24,7 @@ use utoipa::IntoParams;
 /// A subject.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "Subject")]
-pub struct SubjectView {
+pub(crate) struct SubjectView {
     id: SubjectId,
     study: StudyId,
     /// Pseudonym, unique within the study.
@@ -59,8 +58,10 @@ impl From<Subject> for SubjectView {
 /// A subject to be made.
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "NewSubject", example = serde_json::json!({"code": "s07", "group": "gm", "attributes": {"handedness": "right"}}))]
-pub struct NewSubjectBody {
+#[schemars(rename = "NewSubject", example = serde_json::json!({
+    "code": "s07", "group": "gm", "attributes": {"handedness": "right"}
+}))]
+pub(crate) struct NewSubjectBody {
     /// Pseudonym, unique within the study: not blank, without control characters. No names of people.
     #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     code: String,
@@ -82,7 +83,7 @@ fn empty() -> Value {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "SubjectPatch", example = serde_json::json!({"group": "gn"}))]
-pub struct SubjectPatchBody {
+pub(crate) struct SubjectPatchBody {
     /// A new pseudonym.
     #[serde(default, deserialize_with = "present")]
     #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
@@ -101,7 +102,7 @@ pub struct SubjectPatchBody {
 #[derive(Debug, IntoParams)]
 #[into_params(parameter_in = Path)]
 #[allow(dead_code, reason = "documents the path")]
-pub struct SubjectPath {
+pub(crate) struct SubjectPath {
     /// The subject.
     subject: SubjectId,
 }
@@ -109,7 +110,7 @@ pub struct SubjectPath {
 /// Which subjects.
 #[derive(Debug, Clone, IntoParams)]
 #[into_params(parameter_in = Query)]
-pub struct SubjectQuery {
+pub(crate) struct SubjectQuery {
     /// Only those of this group.
     #[param(nullable = false)]
     group: Option<String>,
@@ -125,7 +126,7 @@ impl FromQuery for SubjectQuery {
 #[utoipa::path(post, path = "/v1/studies/{study}/subjects", tag = "subjects", operation_id = "create_subject",
     params(StudyPath, IdempotencyHeader), request_body = NewSubjectBody,
     responses((status = 201, description = "The new subject; Location names it.", body = SubjectView)))]
-pub async fn create(
+pub(crate) async fn create(
     State(state): State<AppState>,
     Id(study): Id<StudyId>,
     Params(()): Params<()>,
@@ -146,22 +147,15 @@ pub async fn create(
 #[utoipa::path(get, path = "/v1/studies/{study}/subjects", tag = "subjects", operation_id = "list_subjects",
     params(StudyPath, SubjectQuery, PageQuery, IfNoneMatch),
     responses((status = 200, description = "A page of subjects.", body = SubjectList)))]
-pub async fn list(
-    State(state): State<AppState>,
-    Id(study): Id<StudyId>,
-    uri: Uri,
-    headers: HeaderMap,
-    Params((filter, page)): Params<(SubjectQuery, PageQuery)>,
-) -> ApiResult<Response> {
-    let pager = Pager::new(&uri, page)?;
-    let rows = state.store.subjects(study, filter.group.as_deref(), pager.page()).await?;
-    pager.answer(&headers, rows, |subject| subject.id.0, SubjectView::from)
+pub(crate) async fn list(Id(study): Id<StudyId>, list: Paged<SubjectQuery>) -> ApiResult<Response> {
+    let rows = list.state.store.subjects(study, list.filter.group.as_deref(), list.page()).await?;
+    list.answer(rows, |subject| subject.id.0, SubjectView::from)
 }
 
 /// Reads a subject.
 #[utoipa::path(get, path = "/v1/subjects/{subject}", tag = "subjects", operation_id = "read_subject",
     params(SubjectPath, IfNoneMatch), responses((status = 200, description = "The subject.", body = SubjectView)))]
-pub async fn read(subject: Named<SubjectView>) -> ApiResult<Response> {
+pub(crate) async fn read(subject: Named<SubjectView>) -> ApiResult<Response> {
     subject.read().await
 }
 
@@ -171,7 +165,10 @@ pub async fn read(subject: Named<SubjectView>) -> ApiResult<Response> {
     request_body(content((SubjectPatchBody = "application/merge-patch+json"), (SubjectPatchBody = "application/json"))),
     responses((status = 200, description = "The subject as it is now.", body = SubjectView),
         (status = 409, description = "Another subject of the study has this code.")))]
-pub async fn patch(subject: Named<SubjectView>, MergePatch(body): MergePatch<SubjectPatchBody>) -> ApiResult<Response> {
+pub(crate) async fn patch(
+    subject: Named<SubjectView>,
+    MergePatch(body): MergePatch<SubjectPatchBody>,
+) -> ApiResult<Response> {
     let patch = SubjectPatch {
         code: body.code.map(|code| checks::name(&code, "/code")).transpose()?,
         group: match body.group {
@@ -190,6 +187,6 @@ pub async fn patch(subject: Named<SubjectView>, MergePatch(body): MergePatch<Sub
 /// Deletes a subject with its trials and their analyses, and overwrites what they held.
 #[utoipa::path(delete, path = "/v1/subjects/{subject}", tag = "subjects", operation_id = "delete_subject",
     params(SubjectPath, IfMatch), responses((status = 204, description = "It is gone.")))]
-pub async fn delete(subject: Named<SubjectView>) -> ApiResult<Response> {
+pub(crate) async fn delete(subject: Named<SubjectView>) -> ApiResult<Response> {
     subject.delete().await
 }

@@ -1,19 +1,16 @@
 //! Trials without their signals.
 
-use super::cursor::{PageQuery, Pager};
+use super::cursor::{PageQuery, Paged};
 use super::etag::{IfMatch, IfNoneMatch};
-use super::extract::{Id, Integer, MergePatch, Params, present};
+use super::extract::{Id, Integer, MergePatch, present};
 use super::named::{Named, View};
 use super::problem::ApiResult;
 use super::schema::{Timestamp, TrialList};
-use super::state::AppState;
 use super::subjects::SubjectPath;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Code, Problem};
 use crate::learning::time_domain::TimeDomainMetrics;
 use crate::store::{TrialPatch, TrialRecord};
-use axum::extract::State;
-use axum::http::{HeaderMap, Uri};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -22,14 +19,14 @@ use time::OffsetDateTime;
 use utoipa::IntoParams;
 
 /// Numbers and sessions stay exact in every JSON reader.
-pub const MAX_NUMBER: i64 = 1_000_000_000;
+pub(crate) const MAX_NUMBER: i64 = 1_000_000_000;
 
 /// A trial without its signals.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "Trial")]
-pub struct TrialView {
+pub(crate) struct TrialView {
     /// Its id.
-    pub id: TrialId,
+    pub(crate) id: TrialId,
     study: StudyId,
     subject: SubjectId,
     /// The plant that it was recorded on.
@@ -59,7 +56,7 @@ pub struct TrialView {
 
 /// What was measured in the time domain.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct TrialMetrics {
+pub(crate) struct TrialMetrics {
     #[serde(flatten)]
     #[schemars(with = "TimeDomainMetrics")]
     time_domain: Value,
@@ -96,7 +93,7 @@ impl From<TrialRecord> for TrialView {
 #[derive(Debug, IntoParams)]
 #[into_params(parameter_in = Path)]
 #[allow(dead_code, reason = "documents the path")]
-pub struct TrialPath {
+pub(crate) struct TrialPath {
     /// The trial.
     trial: TrialId,
 }
@@ -105,7 +102,7 @@ pub struct TrialPath {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "TrialPatch", example = serde_json::json!({"number": 4}))]
-pub struct TrialPatchBody {
+pub(crate) struct TrialPatchBody {
     /// A new number.
     #[serde(default, deserialize_with = "present")]
     #[schemars(with = "Option<i64>", range(min = 1, max = 1000000000))]
@@ -130,22 +127,15 @@ pub(super) fn in_range(value: i64, min: i64, pointer: &str) -> Result<i64, Probl
 #[utoipa::path(get, path = "/v1/subjects/{subject}/trials", tag = "trials", operation_id = "list_trials",
     params(SubjectPath, PageQuery, IfNoneMatch),
     responses((status = 200, description = "A page of trials.", body = TrialList)))]
-pub async fn list(
-    State(state): State<AppState>,
-    Id(subject): Id<SubjectId>,
-    uri: Uri,
-    headers: HeaderMap,
-    Params(page): Params<PageQuery>,
-) -> ApiResult<Response> {
-    let pager = Pager::new(&uri, page)?;
-    let rows = state.store.trials(subject, pager.page()).await?;
-    pager.answer(&headers, rows, |trial| trial.id.0, TrialView::from)
+pub(crate) async fn list(Id(subject): Id<SubjectId>, list: Paged<()>) -> ApiResult<Response> {
+    let rows = list.state.store.trials(subject, list.page()).await?;
+    list.answer(rows, |trial| trial.id.0, TrialView::from)
 }
 
 /// Reads a trial: what it is and what was measured in the time domain.
 #[utoipa::path(get, path = "/v1/trials/{trial}", tag = "trials", operation_id = "read_trial",
     params(TrialPath, IfNoneMatch), responses((status = 200, description = "The trial.", body = TrialView)))]
-pub async fn read(trial: Named<TrialView>) -> ApiResult<Response> {
+pub(crate) async fn read(trial: Named<TrialView>) -> ApiResult<Response> {
     trial.read().await
 }
 
@@ -155,7 +145,10 @@ pub async fn read(trial: Named<TrialView>) -> ApiResult<Response> {
     request_body(content((TrialPatchBody = "application/merge-patch+json"), (TrialPatchBody = "application/json"))),
     responses((status = 200, description = "The trial as it is now.", body = TrialView),
         (status = 409, description = "Another trial of the subject has this number.")))]
-pub async fn patch(trial: Named<TrialView>, MergePatch(body): MergePatch<TrialPatchBody>) -> ApiResult<Response> {
+pub(crate) async fn patch(
+    trial: Named<TrialView>,
+    MergePatch(body): MergePatch<TrialPatchBody>,
+) -> ApiResult<Response> {
     let patch = TrialPatch {
         number: body.number.map(|Integer(number)| in_range(number, 1, "/number")).transpose()?,
         session: match body.session {
@@ -170,6 +163,6 @@ pub async fn patch(trial: Named<TrialView>, MergePatch(body): MergePatch<TrialPa
 /// Deletes a trial with its recording and the analyses that used it, and overwrites what they held.
 #[utoipa::path(delete, path = "/v1/trials/{trial}", tag = "trials", operation_id = "delete_trial",
     params(TrialPath, IfMatch), responses((status = 204, description = "It is gone.")))]
-pub async fn delete(trial: Named<TrialView>) -> ApiResult<Response> {
+pub(crate) async fn delete(trial: Named<TrialView>) -> ApiResult<Response> {
     trial.delete().await
 }

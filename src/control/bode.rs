@@ -34,7 +34,7 @@ pub fn log_grid(from: f64, to: f64, count: usize) -> Vec<f64> {
 
 /// `count` frequencies from `from` to `to` (both included), equally spaced. One frequency is `from`.
 #[must_use]
-pub fn linear_grid(from: f64, to: f64, count: usize) -> Vec<f64> {
+pub(crate) fn linear_grid(from: f64, to: f64, count: usize) -> Vec<f64> {
     let last = count.saturating_sub(1);
     (0..count)
         .map(|i| if i == last && i > 0 { to } else { from + (to - from) * i as f64 / last.max(1) as f64 })
@@ -58,7 +58,7 @@ pub fn bode(omega_rad_s: &[f64], response: &[Complex64]) -> Bode {
 
 /// The unwrapped phase in degrees of a frequency response along its grid; see [`Bode::phase_deg`].
 #[must_use]
-pub fn unwrapped_phase_deg(response: &[Complex64]) -> Vec<Option<f64>> {
+pub(crate) fn unwrapped_phase_deg(response: &[Complex64]) -> Vec<Option<f64>> {
     let mut before: Option<f64> = None;
     response
         .iter()

@@ -10,7 +10,7 @@ use num_complex::Complex64;
 
 /// The largest mismatch between a state space model and its transfer function that is let through, relative to the
 /// largest gain on the circle of the complex plane on which they are compared.
-pub const CONVERSION_TOLERANCE: f64 = 1e-8;
+pub(crate) const CONVERSION_TOLERANCE: f64 = 1e-8;
 
 /// Why a system has no form of the other kind.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -24,10 +24,11 @@ const MOST_CROSSINGS: f64 = 1e6;
 
 /// Why a loop cannot be judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum DelayError {
+pub(crate) enum DelayError {
     /// N is not of lower degree than D: the equation is of neutral or advanced type.
     #[error(
-        "the loop with delay is not strictly proper, and its roots may come arbitrarily close to an axis or cross it at infinity"
+        "the loop with delay is not strictly proper, and its roots may come arbitrarily close to an axis or cross it \
+         at infinity"
     )]
     NotRetarded,
     /// A coefficient, the margin or the delay is not finite, or the delay is negative.
@@ -70,7 +71,7 @@ fn square_on_axis(p: &[f64]) -> Polynomial {
 ///
 /// # Errors
 /// [`DelayError`].
-pub fn roots_right_of(d: &[f64], n: &[f64], delay: f64, margin: f64) -> Result<Option<usize>, DelayError> {
+pub(crate) fn roots_right_of(d: &[f64], n: &[f64], delay: f64, margin: f64) -> Result<Option<usize>, DelayError> {
     let (d, n) = (Polynomial::new(d.to_vec()), Polynomial::new(n.to_vec()));
     if n.degree() >= d.degree() && !n.is_zero() {
         return Err(DelayError::NotRetarded);
@@ -138,7 +139,7 @@ fn derivative(p: &Polynomial) -> Polynomial {
 ///
 /// # Errors
 /// [`DelayError`].
-pub fn is_stable_continuous(d: &[f64], n: &[f64], delay: f64, margin: f64) -> Result<bool, DelayError> {
+pub(crate) fn is_stable_continuous(d: &[f64], n: &[f64], delay: f64, margin: f64) -> Result<bool, DelayError> {
     Ok(roots_right_of(d, n, delay, margin)? == Some(0))
 }
 
@@ -146,7 +147,7 @@ pub fn is_stable_continuous(d: &[f64], n: &[f64], delay: f64, margin: f64) -> Re
 ///
 /// # Errors
 /// [`DelayError`].
-pub fn is_stable_sampled(d: &[f64], n: &[f64], samples: usize, radius: f64) -> Result<bool, DelayError> {
+pub(crate) fn is_stable_sampled(d: &[f64], n: &[f64], samples: usize, radius: f64) -> Result<bool, DelayError> {
     if d.iter().chain(n).any(|c| !c.is_finite()) {
         return Err(DelayError::NotFinite);
     }
@@ -161,7 +162,13 @@ pub fn is_stable_sampled(d: &[f64], n: &[f64], samples: usize, radius: f64) -> R
 /// The largest real part of the roots of `D(s) + N(s) e^{−sτ}` within `[lowest, highest]`, by bisection on the exact
 /// count, to `tolerance`; `None` where it lies outside, or the loop cannot be judged.
 #[must_use]
-pub fn largest_real_part(d: &[f64], n: &[f64], delay: f64, [lowest, highest]: [f64; 2], tolerance: f64) -> Option<f64> {
+pub(crate) fn largest_real_part(
+    d: &[f64],
+    n: &[f64],
+    delay: f64,
+    [lowest, highest]: [f64; 2],
+    tolerance: f64,
+) -> Option<f64> {
     let is_left_of = |edge: f64| is_stable_continuous(d, n, delay, -edge);
     if !is_left_of(highest).ok()? || is_left_of(lowest).ok()? {
         return None;

@@ -15,7 +15,8 @@ use num_complex::Complex64;
 pub enum DiscretiseError {
     /// Only proper systems are sampled.
     #[error(
-        "the transfer function is improper (numerator of degree {num_degree}, denominator of degree {den_degree}); only proper ones can be sampled"
+        "the transfer function is improper (numerator of degree {num_degree}, denominator of degree {den_degree}); \
+         only proper ones can be sampled"
     )]
     Improper {
         /// Degree of the numerator.
@@ -37,9 +38,9 @@ pub enum DiscretiseError {
     },
     /// The coefficients in powers of z cannot represent the system in working precision.
     #[error(
-        "sampled every {sample_time_s} s the poles crowd so closely around z = 1 that coefficients of working precision \
-         misstate the frequency response by {error:.1e} of its value at {omega_rad_s:.3} rad/s ({RESPONSE_TOLERANCE:.0e} is allowed); \
-         use a longer sample time or the state space form"
+        "sampled every {sample_time_s} s the poles crowd so closely around z = 1 that coefficients of working \
+         precision misstate the frequency response by {error:.1e} of its value at {omega_rad_s:.3} rad/s \
+         ({RESPONSE_TOLERANCE:.0e} is allowed); use a longer sample time or the state space form"
     )]
     IllConditioned {
         /// The sample time.
@@ -76,7 +77,7 @@ pub(super) struct Propagation {
 
 impl Propagation {
     /// The blocks of `exp([A B 0; 0 0 I/T; 0 0 0] T) = [Φ Γ₀ Γ₁; 0 I I; 0 0 I]`; `None` where it overflows.
-    pub fn new(model: &StateSpace<Continuous>, time: Discrete) -> Option<Self> {
+    pub(crate) fn new(model: &StateSpace<Continuous>, time: Discrete) -> Option<Self> {
         let (n, m, period) = (model.states(), model.inputs(), time.period_s());
         let mut augmented = DMatrix::zeros(n + 2 * m, n + 2 * m);
         augmented.view_mut((0, 0), (n, n)).copy_from(&(model.a() * period));

@@ -16,30 +16,30 @@ impl Doubled {
         Self { high: sum, low: low - (sum - high) }
     }
 
-    pub fn value(self) -> f64 {
+    pub(crate) fn value(self) -> f64 {
         self.high
     }
 
-    pub fn add(self, other: Self) -> Self {
+    pub(crate) fn add(self, other: Self) -> Self {
         let sum = self.high + other.high;
         let part = sum - self.high;
         let error = (self.high - (sum - part)) + (other.high - part);
         Self::quick_sum(sum, error + self.low + other.low)
     }
 
-    pub fn sub(self, other: Self) -> Self {
+    pub(crate) fn sub(self, other: Self) -> Self {
         self.add(Self { high: -other.high, low: -other.low })
     }
 
     /// The product with a number.
-    pub fn mul(self, factor: f64) -> Self {
+    pub(crate) fn mul(self, factor: f64) -> Self {
         let product = self.high * factor;
         let error = self.high.mul_add(factor, -product);
         Self::quick_sum(product, error + self.low * factor)
     }
 
     /// The quotient by a number.
-    pub fn div(self, divisor: f64) -> Self {
+    pub(crate) fn div(self, divisor: f64) -> Self {
         let quotient = self.high / divisor;
         let remainder = (-quotient).mul_add(divisor, self.high) + self.low;
         Self::quick_sum(quotient, remainder / divisor)

@@ -10,7 +10,7 @@ use nalgebra::DMatrix;
 /// # Panics
 /// If M is not square, which is a mistake of the caller.
 #[must_use]
-pub fn matrix_exponential(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+pub(crate) fn matrix_exponential(m: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     /// Numerator coefficients of the approximant, ascending powers (Higham 2005, p. 1183).
     const PADE: [f64; 14] = [
         64_764_752_532_480_000.0,

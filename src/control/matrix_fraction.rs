@@ -30,13 +30,14 @@ pub enum FractionError {
     },
     /// The denominator is singular, or the coefficients of the highest power of each of its columns are.
     #[error(
-        "the denominator is not column reduced: the coefficients of the highest power of each column make a singular matrix; \
-         multiply numerator and denominator from the right by a unimodular matrix that reduces it"
+        "the denominator is not column reduced: the coefficients of the highest power of each column make a singular \
+         matrix; multiply numerator and denominator from the right by a unimodular matrix that reduces it"
     )]
     NotReduced,
     /// A column of the numerator has a higher degree than that of the denominator.
     #[error(
-        "column {column} (counted from 0) is improper: numerator of degree {numerator}, denominator of degree {denominator}"
+        "column {column} (counted from 0) is improper: numerator of degree {numerator}, denominator of degree \
+         {denominator}"
     )]
     Improper {
         /// The column, from 0.
@@ -129,7 +130,7 @@ impl<T: TimeBase> RightFraction<T> {
 
     /// The value at infinity, p×m.
     #[must_use]
-    pub fn feedthrough(&self) -> DMatrix<f64> {
+    pub(crate) fn feedthrough(&self) -> DMatrix<f64> {
         let lead = self.highest(&self.denominator).lu();
         // Column reduced: the matrix of the highest coefficients is invertible.
         self.highest(&self.numerator)

@@ -276,7 +276,7 @@ impl System {
 
     /// Degree of the denominator minus degree of the numerator; negative for an improper system.
     #[must_use]
-    pub fn relative_degree(&self) -> i64 {
+    pub(crate) fn relative_degree(&self) -> i64 {
         self.den().degree() as i64 - self.num().degree() as i64
     }
 

@@ -88,8 +88,8 @@ impl<'de> Deserialize<'de> for MultivariableModel {
             parse(value).map(Self::StateSpace)
         } else {
             Err(serde::de::Error::custom(
-                "a model has a, b, c and d (state space), transfer_functions, numerator and denominator (right matrix fraction), \
-                 or num and den",
+                "a model has a, b, c and d (state space), transfer_functions, numerator and denominator (right matrix \
+                 fraction), or num and den",
             ))
         }
     }
@@ -279,7 +279,7 @@ impl<T: TimeBase> Multivariable<T> {
 
     /// The value at infinity, p×m.
     #[must_use]
-    pub fn feedthrough(&self) -> DMatrix<f64> {
+    pub(crate) fn feedthrough(&self) -> DMatrix<f64> {
         match self {
             Self::StateSpace(m) => m.d().clone(),
             Self::Fraction(m) => m.feedthrough(),

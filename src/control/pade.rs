@@ -8,7 +8,7 @@ use nalgebra::DMatrix;
 /// approximant. Its terms are the elements of a lossless ladder, whose states scaled to their energies give entries of
 /// like size at any order; a companion form of order 5 has entries of 30240 beside 1.
 #[must_use]
-pub fn pade(order: usize) -> (DMatrix<f64>, Vec<f64>, Vec<f64>, f64) {
+pub(crate) fn pade(order: usize) -> (DMatrix<f64>, Vec<f64>, Vec<f64>, f64) {
     let size = |k: usize| 2.0 * (2 * k + 1) as f64;
     let root = |k: usize| size(k).sqrt();
     // Elements 0, 2, 4, .. integrate currents i, elements 1, 3, .. voltages v: the voltage behind element k is the sum

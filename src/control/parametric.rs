@@ -34,7 +34,7 @@ pub struct Matrices<S: Real> {
 impl<S: Real> Matrices<S> {
     /// All zero, with n states, m inputs and p outputs.
     #[must_use]
-    pub fn zeros(states: usize, inputs: usize, outputs: usize) -> Self {
+    pub(crate) fn zeros(states: usize, inputs: usize, outputs: usize) -> Self {
         let zero = S::from(0.0);
         Self {
             a: DMatrix::from_element(states, states, zero),

@@ -112,7 +112,7 @@ impl PolynomialMatrix {
 
     /// The largest degree of the entries of a column; `None` where all of them are zero.
     #[must_use]
-    pub fn column_degree(&self, column: usize) -> Option<usize> {
+    pub(crate) fn column_degree(&self, column: usize) -> Option<usize> {
         (0..self.rows).map(|i| self.entry(i, column)).filter(|p| !p.is_zero()).map(Polynomial::degree).max()
     }
 
@@ -203,7 +203,7 @@ impl PolynomialMatrix {
     /// # Panics
     /// If it is not square, which is a mistake of the caller.
     #[must_use]
-    pub fn adjugate(&self) -> Self {
+    pub(crate) fn adjugate(&self) -> Self {
         assert_eq!(self.rows, self.columns, "an adjugate");
         let without = |skip: usize| (0..self.rows).filter(|i| *i != skip).collect::<Vec<usize>>();
         Self::from_fn(self.rows, self.rows, |i, j| {
@@ -214,7 +214,7 @@ impl PolynomialMatrix {
 
     /// As nested rows of coefficients in descending powers.
     #[must_use]
-    pub fn to_nested(&self) -> Vec<Vec<Vec<f64>>> {
+    pub(crate) fn to_nested(&self) -> Vec<Vec<Vec<f64>>> {
         (0..self.rows).map(|i| (0..self.columns).map(|j| self.entry(i, j).coefficients().to_vec()).collect()).collect()
     }
 }

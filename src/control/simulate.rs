@@ -13,7 +13,8 @@ use nalgebra::DVector;
 pub enum SimulationError {
     /// The next sample would be needed before it is there.
     #[error(
-        "the {system} is improper (numerator of degree {num_degree}, denominator of degree {den_degree}), so its response would need samples of the future"
+        "the {system} is improper (numerator of degree {num_degree}, denominator of degree {den_degree}), so its \
+         response would need samples of the future"
     )]
     Improper {
         /// Which system.
@@ -93,7 +94,7 @@ pub(crate) struct DelayLine {
 }
 
 impl DelayLine {
-    pub fn new(system: &TransferFunction<Discrete>, name: &'static str) -> Result<Self, SimulationError> {
+    pub(crate) fn new(system: &TransferFunction<Discrete>, name: &'static str) -> Result<Self, SimulationError> {
         let (num, den) = (system.num(), system.den());
         if num.degree() > den.degree() {
             return Err(SimulationError::Improper { system: name, num_degree: num.degree(), den_degree: den.degree() });
@@ -104,17 +105,17 @@ impl DelayLine {
     }
 
     /// The direct gain from input to output within a sample.
-    pub fn feedthrough(&self) -> f64 {
+    pub(crate) fn feedthrough(&self) -> f64 {
         self.num[0] / self.den[0]
     }
 
     /// The part of the coming output that the past has fixed already.
-    pub fn pending(&self) -> Doubled {
+    pub(crate) fn pending(&self) -> Doubled {
         self.states.first().copied().unwrap_or_default().div(self.den[0])
     }
 
     /// Takes an input and gives the output of the same sample.
-    pub fn step(&mut self, input: Doubled) -> Doubled {
+    pub(crate) fn step(&mut self, input: Doubled) -> Doubled {
         let first = self.states.first().copied().unwrap_or_default();
         let output = input.mul(self.num[0]).add(first).div(self.den[0]);
         for i in 0..self.states.len() {

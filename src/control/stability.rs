@@ -10,7 +10,7 @@ use super::time_base::TimeBase;
 use crate::num::Polynomial;
 
 /// Relative error of a coefficient as given: one that was computed from decimals by a product or two.
-pub const GIVEN: f64 = 4.0 * f64::EPSILON;
+pub(crate) const GIVEN: f64 = 4.0 * f64::EPSILON;
 
 /// Coefficients that fit on the stack; longer polynomials go to the heap.
 const ON_STACK: usize = 32;
@@ -33,7 +33,7 @@ pub fn is_stable(polynomial: &Polynomial, time: &impl TimeBase, margin: f64) -> 
 ///
 /// Leading zeros are skipped; the zero polynomial is not Hurwitz, and a polynomial with a NaN is not either.
 #[must_use]
-pub fn is_hurwitz(p: &[f64]) -> bool {
+pub(crate) fn is_hurwitz(p: &[f64]) -> bool {
     on_scratch(p, routh)
 }
 
@@ -90,7 +90,7 @@ pub fn is_schur_within(p: &[f64], radius: f64) -> bool {
 /// # Panics
 /// If the lengths differ, which is a mistake of the caller.
 #[must_use]
-pub fn is_schur_within_errors(p: &[f64], errors: &[f64], radius: f64) -> bool {
+pub(crate) fn is_schur_within_errors(p: &[f64], errors: &[f64], radius: f64) -> bool {
     assert_eq!(p.len(), errors.len(), "an error for every coefficient");
     if p.is_empty() || !radius.is_normal() || radius < 0.0 {
         return false;

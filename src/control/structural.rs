@@ -8,7 +8,7 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 /// A mode is unreachable where the least singular value of `[A − λI, B]` is below this share of its norm.
-pub const RANK: f64 = 1e-12;
+pub(crate) const RANK: f64 = 1e-12;
 /// How close to the boundary of stability, as a share of the size of A, an eigenvalue counts as on it.
 const BOUNDARY: f64 = 1e-12;
 
@@ -116,7 +116,7 @@ pub fn check_detectable(a: &DMatrix<f64>, c: &DMatrix<f64>, clock: Clock) -> Res
 ///
 /// # Errors
 /// [`StructuralError::UnseenBoundaryMode`] with the mode.
-pub fn check_axis_observable(a: &DMatrix<f64>, c: &DMatrix<f64>, clock: Clock) -> Result<(), StructuralError> {
+pub(crate) fn check_axis_observable(a: &DMatrix<f64>, c: &DMatrix<f64>, clock: Clock) -> Result<(), StructuralError> {
     let margin = boundary(a, clock);
     missed(&a.transpose(), &c.transpose(), |mode| clock.margin(mode).abs() <= margin)?
         .map_or(Ok(()), |mode| Err(StructuralError::UnseenBoundaryMode(mode)))

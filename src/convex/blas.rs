@@ -156,14 +156,15 @@ unsafe fn svd_into<T: Real>(
 }
 
 macro_rules! routines {
-    ($t:ty, $gemm:ident, $gemv:ident, $symv:ident, $syrk:ident, $syr2k:ident, $potrf:ident, $potrs:ident, $gesv:ident, $gesdd:ident,
-     $gesvd:ident, $syevr:ident) => {
+    ($t:ty, $gemm:ident, $gemv:ident, $symv:ident, $syrk:ident, $syr2k:ident, $potrf:ident, $potrs:ident, $gesv:ident,
+     $gesdd:ident, $gesvd:ident, $syevr:ident) => {
         /// `C ← α op(A) op(B) + β C`, op(A) m×k, op(B) k×n.
         #[unsafe(no_mangle)]
         #[rustfmt::skip]
         unsafe extern "C" fn $gemm(
-            transa: *const c_char, transb: *const c_char, m: *const c_int, n: *const c_int, k: *const c_int, alpha: *const $t,
-            a: *const $t, lda: *const c_int, b: *const $t, ldb: *const c_int, beta: *const $t, c: *mut $t, ldc: *const c_int,
+            transa: *const c_char, transb: *const c_char, m: *const c_int, n: *const c_int, k: *const c_int,
+            alpha: *const $t, a: *const $t, lda: *const c_int, b: *const $t, ldb: *const c_int, beta: *const $t,
+            c: *mut $t, ldc: *const c_int,
         ) {
             // SAFETY: called by the Fortran convention with arrays of the documented sizes.
             unsafe {
@@ -207,13 +208,14 @@ macro_rules! routines {
         #[unsafe(no_mangle)]
         #[rustfmt::skip]
         unsafe extern "C" fn $symv(
-            uplo: *const c_char, n: *const c_int, alpha: *const $t, a: *const $t, lda: *const c_int, x: *const $t, incx: *const c_int,
-            beta: *const $t, y: *mut $t, incy: *const c_int,
+            uplo: *const c_char, n: *const c_int, alpha: *const $t, a: *const $t, lda: *const c_int, x: *const $t,
+            incx: *const c_int, beta: *const $t, y: *mut $t, incy: *const c_int,
         ) {
             // SAFETY: as above.
             unsafe {
                 let n = size(n);
-                let product = load_symmetric(a, n, size(lda), letter(uplo) == b'U') * load_vector(x, n, size(incx)) * *alpha;
+                let symmetric = load_symmetric(a, n, size(lda), letter(uplo) == b'U');
+                let product = symmetric * load_vector(x, n, size(incx)) * *alpha;
                 for (i, value) in product.iter().enumerate() {
                     let to = y.add(i * size(incy));
                     *to = combine(*beta, *to, *value);
@@ -269,7 +271,9 @@ macro_rules! routines {
         /// Cholesky: `A = UᵀU` or `LLᵀ` in place; `info > 0` where A is not positive definite.
         #[unsafe(no_mangle)]
         #[rustfmt::skip]
-        unsafe extern "C" fn $potrf(uplo: *const c_char, n: *const c_int, a: *mut $t, lda: *const c_int, info: *mut c_int) {
+        unsafe extern "C" fn $potrf(
+            uplo: *const c_char, n: *const c_int, a: *mut $t, lda: *const c_int, info: *mut c_int,
+        ) {
             // SAFETY: as above.
             unsafe {
                 let upper = letter(uplo) == b'U';
@@ -287,8 +291,8 @@ macro_rules! routines {
         #[unsafe(no_mangle)]
         #[rustfmt::skip]
         unsafe extern "C" fn $potrs(
-            uplo: *const c_char, n: *const c_int, nrhs: *const c_int, a: *const $t, lda: *const c_int, b: *mut $t, ldb: *const c_int,
-            info: *mut c_int,
+            uplo: *const c_char, n: *const c_int, nrhs: *const c_int, a: *const $t, lda: *const c_int, b: *mut $t,
+            ldb: *const c_int, info: *mut c_int,
         ) {
             // SAFETY: as above.
             unsafe {
@@ -308,8 +312,8 @@ macro_rules! routines {
         #[unsafe(no_mangle)]
         #[rustfmt::skip]
         unsafe extern "C" fn $gesv(
-            n: *const c_int, nrhs: *const c_int, a: *mut $t, lda: *const c_int, _ipiv: *mut c_int, b: *mut $t, ldb: *const c_int,
-            info: *mut c_int,
+            n: *const c_int, nrhs: *const c_int, a: *mut $t, lda: *const c_int, _ipiv: *mut c_int, b: *mut $t,
+            ldb: *const c_int, info: *mut c_int,
         ) {
             // SAFETY: as above.
             unsafe {
@@ -326,9 +330,9 @@ macro_rules! routines {
         #[unsafe(no_mangle)]
         #[rustfmt::skip]
         unsafe extern "C" fn $gesdd(
-            jobz: *const c_char, m: *const c_int, n: *const c_int, a: *mut $t, lda: *const c_int, s: *mut $t, u: *mut $t,
-            ldu: *const c_int, vt: *mut $t, ldvt: *const c_int, work: *mut $t, lwork: *const c_int, _iwork: *mut c_int,
-            info: *mut c_int,
+            jobz: *const c_char, m: *const c_int, n: *const c_int, a: *mut $t, lda: *const c_int, s: *mut $t,
+            u: *mut $t, ldu: *const c_int, vt: *mut $t, ldvt: *const c_int, work: *mut $t, lwork: *const c_int,
+            _iwork: *mut c_int, info: *mut c_int,
         ) {
             // SAFETY: as above.
             unsafe {
@@ -343,8 +347,9 @@ macro_rules! routines {
         #[unsafe(no_mangle)]
         #[rustfmt::skip]
         unsafe extern "C" fn $gesvd(
-            jobu: *const c_char, jobvt: *const c_char, m: *const c_int, n: *const c_int, a: *mut $t, lda: *const c_int, s: *mut $t,
-            u: *mut $t, ldu: *const c_int, vt: *mut $t, ldvt: *const c_int, work: *mut $t, lwork: *const c_int, info: *mut c_int,
+            jobu: *const c_char, jobvt: *const c_char, m: *const c_int, n: *const c_int, a: *mut $t, lda: *const c_int,
+            s: *mut $t, u: *mut $t, ldu: *const c_int, vt: *mut $t, ldvt: *const c_int, work: *mut $t,
+            lwork: *const c_int, info: *mut c_int,
         ) {
             // SAFETY: as above.
             unsafe {
@@ -359,10 +364,10 @@ macro_rules! routines {
         #[unsafe(no_mangle)]
         #[rustfmt::skip]
         unsafe extern "C" fn $syevr(
-            jobz: *const c_char, range: *const c_char, uplo: *const c_char, n: *const c_int, a: *mut $t, lda: *const c_int,
-            _vl: *const $t, _vu: *const $t, _il: *const c_int, _iu: *const c_int, _abstol: *const $t, m: *mut c_int, w: *mut $t,
-            z: *mut $t, ldz: *const c_int, _isuppz: *mut c_int, work: *mut $t, lwork: *const c_int, iwork: *mut c_int,
-            liwork: *const c_int, info: *mut c_int,
+            jobz: *const c_char, range: *const c_char, uplo: *const c_char, n: *const c_int, a: *mut $t,
+            lda: *const c_int, _vl: *const $t, _vu: *const $t, _il: *const c_int, _iu: *const c_int, _abstol: *const $t,
+            m: *mut c_int, w: *mut $t, z: *mut $t, ldz: *const c_int, _isuppz: *mut c_int, work: *mut $t,
+            lwork: *const c_int, iwork: *mut c_int, liwork: *const c_int, info: *mut c_int,
         ) {
             // SAFETY: as above.
             unsafe {

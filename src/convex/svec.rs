@@ -14,7 +14,7 @@ pub const fn length(n: usize) -> usize {
 
 /// The vector of a symmetric matrix, n×n; only the upper triangle is read.
 #[must_use]
-pub fn svec(m: &DMatrix<f64>) -> DVector<f64> {
+pub(crate) fn svec(m: &DMatrix<f64>) -> DVector<f64> {
     let n = m.nrows();
     let mut v = DVector::zeros(length(n));
     write(m.as_slice(), n, v.as_mut_slice());
@@ -39,7 +39,7 @@ pub(crate) fn write(columns: &[f64], n: usize, into: &mut [f64]) {
 /// # Panics
 /// If the vector has another length, which is a mistake of the caller.
 #[must_use]
-pub fn smat(v: &[f64], n: usize) -> DMatrix<f64> {
+pub(crate) fn smat(v: &[f64], n: usize) -> DMatrix<f64> {
     assert_eq!(v.len(), length(n), "svec of a {n}x{n} matrix");
     let mut m = DMatrix::zeros(n, n);
     let mut at = 0;

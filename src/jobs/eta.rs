@@ -38,7 +38,7 @@ impl EtaEstimator {
 
     /// When the present count began.
     #[must_use]
-    pub fn phase_began_us(&self) -> i64 {
+    pub(crate) fn phase_began_us(&self) -> i64 {
         self.phase_began_us
     }
 

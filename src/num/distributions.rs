@@ -3,7 +3,7 @@
 
 /// Lanczos's series for `ln Γ(x)`, x > 0, good to about 1e-14 (g = 7, nine terms; Godfrey 2001).
 #[must_use]
-pub fn ln_gamma(x: f64) -> f64 {
+pub(crate) fn ln_gamma(x: f64) -> f64 {
     const TERMS: [f64; 8] = [
         676.520_368_121_885_1,
         -1_259.139_216_722_402_8,
@@ -27,7 +27,7 @@ pub fn ln_gamma(x: f64) -> f64 {
 
 /// The regularised lower incomplete gamma function `P(a, x)`, a > 0, x ≥ 0.
 #[must_use]
-pub fn gamma_p(a: f64, x: f64) -> f64 {
+pub(crate) fn gamma_p(a: f64, x: f64) -> f64 {
     if x <= 0.0 {
         return 0.0;
     }
@@ -52,7 +52,7 @@ pub fn gamma_p(a: f64, x: f64) -> f64 {
 
 /// The regularised incomplete beta function `I_x(a, b)`, a, b > 0, 0 ≤ x ≤ 1.
 #[must_use]
-pub fn beta_i(a: f64, b: f64, x: f64) -> f64 {
+pub(crate) fn beta_i(a: f64, b: f64, x: f64) -> f64 {
     if x <= 0.0 {
         return 0.0;
     }
@@ -95,7 +95,7 @@ fn lentz(first: f64, term: impl Fn(f64) -> (f64, f64)) -> f64 {
 
 /// `P(X ≤ x)` of chi-square with these degrees of freedom.
 #[must_use]
-pub fn chi_square_cdf(x: f64, degrees: f64) -> f64 {
+pub(crate) fn chi_square_cdf(x: f64, degrees: f64) -> f64 {
     gamma_p(0.5 * degrees, 0.5 * x)
 }
 
@@ -110,7 +110,7 @@ pub fn f_cdf(x: f64, numerator: f64, denominator: f64) -> f64 {
 
 /// The two-sided bound t of Student's distribution: `P(|X| ≤ t) = level`; infinite degrees give the normal one.
 #[must_use]
-pub fn student_t(level: f64, degrees: f64) -> f64 {
+pub(crate) fn student_t(level: f64, degrees: f64) -> f64 {
     let inside = |t: f64| {
         if degrees.is_infinite() {
             gamma_p(0.5, 0.5 * t * t)

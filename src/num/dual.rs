@@ -43,17 +43,18 @@ impl Real for f64 {
 
 /// A number with its derivative.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Dual {
+pub(crate) struct Dual {
     /// The number.
     pub value: f64,
     /// Its derivative.
     pub slope: f64,
 }
 
+#[cfg(test)]
 impl Dual {
     /// The variable itself, whose derivative is 1.
     #[must_use]
-    pub fn variable(value: f64) -> Self {
+    pub(crate) fn variable(value: f64) -> Self {
         Self { value, slope: 1.0 }
     }
 }

@@ -5,7 +5,7 @@ use rustfft::FftPlanner;
 
 /// `X_k = Σᵢ xᵢ e^{−2πj k i/N}`, `k = 0 … ⌊N/2⌋`; nothing of nothing.
 #[must_use]
-pub fn real_transform(values: &[f64]) -> Vec<Complex64> {
+pub(crate) fn real_transform(values: &[f64]) -> Vec<Complex64> {
     let mut buffer: Vec<Complex64> = values.iter().map(|x| Complex64::new(*x, 0.0)).collect();
     if !buffer.is_empty() {
         FftPlanner::new().plan_fft_forward(buffer.len()).process(&mut buffer);
@@ -19,7 +19,7 @@ pub fn real_transform(values: &[f64]) -> Vec<Complex64> {
 /// # Panics
 /// If there are not ⌊n/2⌋ + 1 lines, which is a mistake of the caller.
 #[must_use]
-pub fn inverse_real(lines: &[Complex64], n: usize) -> Vec<f64> {
+pub(crate) fn inverse_real(lines: &[Complex64], n: usize) -> Vec<f64> {
     assert_eq!(lines.len(), n / 2 + 1, "lines of {n} samples");
     let mut buffer = vec![Complex64::new(0.0, 0.0); n];
     for (k, line) in lines.iter().enumerate().take(n) {

@@ -38,7 +38,7 @@ pub fn eigenvalues(a: &DMatrix<f64>) -> Result<Vec<Complex64>, NoConvergence> {
 ///
 /// # Errors
 /// [`NoConvergence`], also for a matrix with an entry that is not finite.
-pub fn singular_values(a: &DMatrix<f64>) -> Result<Vec<f64>, NoConvergence> {
+pub(crate) fn singular_values(a: &DMatrix<f64>) -> Result<Vec<f64>, NoConvergence> {
     let fail = NoConvergence { rows: a.nrows(), columns: a.ncols() };
     if a.iter().any(|x| !x.is_finite()) {
         return Err(fail);
@@ -50,7 +50,7 @@ pub fn singular_values(a: &DMatrix<f64>) -> Result<Vec<f64>, NoConvergence> {
 ///
 /// # Errors
 /// [`NoConvergence`], also for a matrix with an entry that is not finite.
-pub fn complex_singular_values(a: &DMatrix<Complex64>) -> Result<Vec<f64>, NoConvergence> {
+pub(crate) fn complex_singular_values(a: &DMatrix<Complex64>) -> Result<Vec<f64>, NoConvergence> {
     let fail = NoConvergence { rows: a.nrows(), columns: a.ncols() };
     if a.iter().any(|x| !(x.re.is_finite() && x.im.is_finite())) {
         return Err(fail);
@@ -60,14 +60,14 @@ pub fn complex_singular_values(a: &DMatrix<Complex64>) -> Result<Vec<f64>, NoCon
 }
 
 /// Left singular vectors (rows × min), singular values (largest first) and right singular vectors (columns × columns).
-pub type SingularValueDecomposition = (DMatrix<f64>, Vec<f64>, DMatrix<f64>);
+pub(crate) type SingularValueDecomposition = (DMatrix<f64>, Vec<f64>, DMatrix<f64>);
 
 /// The singular value decomposition `A = U diag(σ) Vᵀ`; V is square, its last columns span the null space of a wide or
 /// deficient A.
 ///
 /// # Errors
 /// [`NoConvergence`], also for a matrix with an entry that is not finite.
-pub fn svd(a: &DMatrix<f64>) -> Result<SingularValueDecomposition, NoConvergence> {
+pub(crate) fn svd(a: &DMatrix<f64>) -> Result<SingularValueDecomposition, NoConvergence> {
     let fail = NoConvergence { rows: a.nrows(), columns: a.ncols() };
     if a.iter().any(|x| !x.is_finite()) {
         return Err(fail);

@@ -15,7 +15,7 @@ const EXCEPTIONAL: usize = 10;
 /// `A = U T Uᴴ` with U unitary and T upper triangular; the eigenvalues of A are on the diagonal of T, in no particular
 /// order.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ComplexSchur {
+pub(crate) struct ComplexSchur {
     /// U, n×n, unitary.
     pub u: DMatrix<Complex64>,
     /// T, n×n, upper triangular.
@@ -33,7 +33,7 @@ impl ComplexSchur {
     ///
     /// # Panics
     /// If the matrix is not square, which is a mistake of the caller.
-    pub fn new(a: &DMatrix<f64>) -> Result<Self, NoConvergence> {
+    pub(crate) fn new(a: &DMatrix<f64>) -> Result<Self, NoConvergence> {
         assert!(a.is_square(), "Schur form of a {}x{} matrix", a.nrows(), a.ncols());
         let n = a.nrows();
         let fail = NoConvergence { rows: n, columns: n };
@@ -50,7 +50,7 @@ impl ComplexSchur {
     }
 
     /// The eigenvalues.
-    pub fn eigenvalues(&self) -> impl Iterator<Item = Complex64> + '_ {
+    pub(crate) fn eigenvalues(&self) -> impl Iterator<Item = Complex64> + '_ {
         (0..self.t.nrows()).map(|i| self.t[(i, i)])
     }
 

@@ -1,4 +1,4 @@
-//! Sample statistics and quadrature.
+//! Sample statistics.
 
 /// The arithmetic mean; `None` of nothing.
 #[must_use]
@@ -8,24 +8,13 @@ pub fn mean(values: &[f64]) -> Option<f64> {
 
 /// The sample standard deviation, with `n − 1` in the denominator; `None` of fewer than two values.
 #[must_use]
-pub fn standard_deviation(values: &[f64]) -> Option<f64> {
+pub(crate) fn standard_deviation(values: &[f64]) -> Option<f64> {
     let centre = mean(values)?;
     if values.len() < 2 {
         return None;
     }
     let squares: f64 = values.iter().map(|v| (v - centre).powi(2)).sum();
     Some((squares / (values.len() - 1) as f64).sqrt())
-}
-
-/// The trapezoidal rule on equally spaced samples.
-///
-/// # Panics
-/// With fewer than two samples, which is a mistake of the caller.
-#[must_use]
-pub fn trapezoid(step: f64, samples: &[f64]) -> f64 {
-    assert!(samples.len() >= 2, "the trapezoidal rule needs two samples");
-    let ends = 0.5 * (samples[0] + samples[samples.len() - 1]);
-    step * (ends + samples[1..samples.len() - 1].iter().sum::<f64>())
 }
 
 #[cfg(test)]
@@ -39,11 +28,5 @@ mod tests {
         assert!((standard_deviation(&sample).unwrap() - (32.0_f64 / 7.0).sqrt()).abs() < 1e-15);
         assert_eq!(standard_deviation(&[1.0]), None);
         assert_eq!(mean(&[]), None);
-    }
-
-    #[test]
-    fn the_trapezoidal_rule_is_exact_on_lines() {
-        let samples: Vec<f64> = (0..=10).map(|i| 3.0 * f64::from(i) * 0.1 + 1.0).collect();
-        assert!((trapezoid(0.1, &samples) - 2.5).abs() < 1e-14);
     }
 }

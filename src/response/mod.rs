@@ -39,7 +39,7 @@ pub use settings::{
     Average, Bounds, Channels, CheckedSettings, CountSegments, Detrend, EndSample, FrequencySettings, LengthSegments,
     Lines, Response, Segments, SettingsError, Stimulus, Window,
 };
-pub use spectrum::{direct_transform, grid_transform};
+pub use spectrum::direct_transform;
 pub use warnings::EstimateWarning;
 
 use num_complex::Complex64;

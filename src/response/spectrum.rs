@@ -2,7 +2,7 @@
 
 use super::settings::{Detrend, Window};
 /// The transform on the grid `k/(N T)`, `k = 0 … ⌊N/2⌋`, by the fast algorithm.
-pub use crate::num::fourier::real_transform as grid_transform;
+pub(super) use crate::num::fourier::real_transform as grid_transform;
 use num_complex::Complex64;
 use std::f64::consts::PI;
 

@@ -114,8 +114,8 @@ async fn insert(connection: &mut SqliteConnection, new: &NewAnalysis, now: i64) 
     let id = Uuid::now_v7().to_string();
     let request = to_json(&new.request)?;
     sqlx::query(
-        "INSERT INTO analyses (id, study_id, kind, request, request_sha256, spec_sha256, status, available_at, created_at,
-            updated_at)
+        "INSERT INTO analyses (id, study_id, kind, request, request_sha256, spec_sha256, status, available_at,
+            created_at, updated_at)
          VALUES ($1, $2, $3, $4, $5, $6, 'queued', $7, $7, $7)",
     )
     .bind(&id)

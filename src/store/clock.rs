@@ -18,7 +18,7 @@ pub enum Clock {
 impl Clock {
     /// Microseconds since 1970 UTC.
     #[must_use]
-    pub fn now_us(&self) -> i64 {
+    pub(crate) fn now_us(&self) -> i64 {
         match self {
             Self::System => micros(OffsetDateTime::now_utc()),
             Self::Manual(now) => now.load(Ordering::SeqCst),

@@ -54,7 +54,7 @@ impl StoreError {
     /// Whether the same call may succeed a little later: the file was locked, the disk was full, no connection was
     /// free.
     #[must_use]
-    pub fn is_transient(&self) -> bool {
+    pub(crate) fn is_transient(&self) -> bool {
         let Self::Database(error) = self else { return false };
         match error {
             sqlx::Error::PoolTimedOut | sqlx::Error::Io(_) => true,

@@ -19,8 +19,10 @@ const LEAVE_RUNNING: &str = "UPDATE analyses SET
         status = $3, problem = $4, report = $5, report_sha256 = $6,
         finished_at = CASE WHEN $3 <> 'queued' THEN $7 END,
         attempts = $8, available_at = $9,
-        progress_done = CASE WHEN $3 = 'succeeded' THEN max(progress_total, 1) WHEN $3 = 'queued' THEN 0 ELSE progress_done END,
-        progress_total = CASE WHEN $3 = 'succeeded' THEN max(progress_total, 1) WHEN $3 = 'queued' THEN 0 ELSE progress_total END,
+        progress_done = CASE WHEN $3 = 'succeeded' THEN max(progress_total, 1)
+            WHEN $3 = 'queued' THEN 0 ELSE progress_done END,
+        progress_total = CASE WHEN $3 = 'succeeded' THEN max(progress_total, 1)
+            WHEN $3 = 'queued' THEN 0 ELSE progress_total END,
         incumbent_cost = CASE WHEN $3 IN ('failed', 'cancelled') THEN incumbent_cost END,
         incumbent_index = CASE WHEN $3 IN ('failed', 'cancelled') THEN incumbent_index END,
         lower_bound = CASE WHEN $3 IN ('failed', 'cancelled') THEN lower_bound END,
@@ -40,7 +42,8 @@ macro_rules! running_where {
     ($condition:literal) => {
         concat!(
             "SELECT id, status, attempts, cancel_requested, worker, available_at, lease_token, progress_done,
-                progress_total, progress_at, phase_began_at, eta_s, incumbent_cost, incumbent_index, lower_bound, incumbent
+                progress_total, progress_at, phase_began_at, eta_s, incumbent_cost, incumbent_index, lower_bound,
+                incumbent
              FROM analyses WHERE status = 'running' AND ",
             $condition
         )
@@ -185,8 +188,8 @@ impl Store {
             || incumbent != json_opt(&row, "incumbent")?;
         sqlx::query(
             "UPDATE analyses SET lease_expires_at = $3, progress_done = $4, progress_total = $5, progress_at = $6,
-                phase_began_at = $7, eta_s = $8, incumbent_cost = $10, incumbent_index = $11, lower_bound = $12, incumbent = $13,
-                version = version + $9, updated_at = CASE WHEN $9 > 0 THEN $6 ELSE updated_at END
+                phase_began_at = $7, eta_s = $8, incumbent_cost = $10, incumbent_index = $11, lower_bound = $12,
+                incumbent = $13, version = version + $9, updated_at = CASE WHEN $9 > 0 THEN $6 ELSE updated_at END
              WHERE id = $1 AND status = 'running' AND lease_token = $2",
         )
         .bind(lease.analysis.to_string())

@@ -26,7 +26,7 @@ mod library;
 mod nouns;
 mod open;
 mod plants;
-pub mod records;
+mod records;
 mod reports;
 mod rows;
 mod scrub;

@@ -134,13 +134,13 @@ impl Store {
 
     /// Told whenever this process puts work into the queue. Other processes' work is found by polling.
     #[must_use]
-    pub fn work_arrived(&self) -> Arc<Notify> {
+    pub(crate) fn work_arrived(&self) -> Arc<Notify> {
         Arc::clone(&self.inner.work)
     }
 
     /// The time, in microseconds, that leases are judged by.
     #[must_use]
-    pub fn now_us(&self) -> i64 {
+    pub(crate) fn now_us(&self) -> i64 {
         self.inner.clock.now_us()
     }
 

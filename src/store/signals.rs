@@ -123,14 +123,19 @@ mod tests {
 
         #[test]
         fn measured_signals_round_trip(
-            steps in prop::collection::vec(-2048_i32..2048, 1..3000), scale in prop::sample::select(vec![0.1, 0.01, 1.0 / 3.0, 1e-300]),
+            steps in prop::collection::vec(-2048_i32..2048, 1..3000),
+            scale in prop::sample::select(vec![0.1, 0.01, 1.0 / 3.0, 1e-300]),
         ) {
             let values: Vec<f64> = steps.iter().map(|step| f64::from(*step) * scale).collect();
             prop_assert_eq!(bits(&round_trip(&values)), bits(&values));
         }
 
         #[test]
-        fn any_flipped_bit_is_found(values in prop::collection::vec(-1e3_f64..1e3, 1..200), place in any::<prop::sample::Index>(), bit in 0..8) {
+        fn any_flipped_bit_is_found(
+            values in prop::collection::vec(-1e3_f64..1e3, 1..200),
+            place in any::<prop::sample::Index>(),
+            bit in 0..8,
+        ) {
             let mut packed = pack_column(Channel::Output, &values).unwrap();
             let index = place.index(packed.data.len());
             packed.data[index] ^= 1u8 << bit;

@@ -47,9 +47,11 @@ pub fn from_value(value: &serde_json::Value, limits: &Limits) -> Result<Trial, R
 /// A trial as JSON, as its schema: equally long arrays, one number for each sample.
 #[derive(Debug, Clone, JsonSchema)]
 #[schemars(rename = "NewTrial", deny_unknown_fields)]
-#[schemars(example = serde_json::json!({"sample_time_s": 0.02, "r": [0.0, 0.5, 1.0], "u": [0.0, 0.2, 0.4], "y": [0.0, 0.1, 0.3]}))]
+#[schemars(example = serde_json::json!({
+    "sample_time_s": 0.02, "r": [0.0, 0.5, 1.0], "u": [0.0, 0.2, 0.4], "y": [0.0, 0.1, 0.3]
+}))]
 #[allow(dead_code, reason = "describes what the reader takes, which reads numbers one by one")]
-pub struct TrialDocument {
+pub(crate) struct TrialDocument {
     /// Time between samples in seconds; may be left out where there is `t`.
     #[schemars(extend("exclusiveMinimum" = 0))]
     sample_time_s: Option<f64>,

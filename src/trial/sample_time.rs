@@ -11,11 +11,11 @@
 ///
 /// At 2 % the phase error at a frequency `f` is below `0.02 · 360° · f T`, a fifteenth of a degree at 1 % of the
 /// sampling rate.
-pub const JITTER_TOLERANCE: f64 = 0.02;
+pub(crate) const JITTER_TOLERANCE: f64 = 0.02;
 
 /// Deviation that rounding may explain, in units of the last printed decimal: half a unit from the row itself, and up
 /// to one from the fitted grid, which was fitted to rounded rows too.
-pub const ROUNDING_TOLERANCE: f64 = 1.5;
+pub(crate) const ROUNDING_TOLERANCE: f64 = 1.5;
 
 /// A step of more than this many median steps, which the next step does not take back, is a gap.
 const GAP_STEPS: f64 = 1.5;

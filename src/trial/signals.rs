@@ -25,7 +25,7 @@ impl Channel {
 
     /// The one-letter name used in column headers and JSON.
     #[must_use]
-    pub fn letter(self) -> &'static str {
+    pub(crate) fn letter(self) -> &'static str {
         match self {
             Self::Time => "t",
             Self::Command => "r",
@@ -84,7 +84,7 @@ pub struct Trial {
 
 impl Trial {
     /// The fewest samples that have a sample time. Analyses ask for more, each with its reason.
-    pub const MINIMUM_SAMPLES: usize = 2;
+    pub(crate) const MINIMUM_SAMPLES: usize = 2;
 
     /// A trial with a known sample time, which a time column, where there is one, must agree with.
     ///

@@ -16,11 +16,11 @@ const SMALL_JSON: usize = 64 << 10;
 
 /// A JSON body, with its bytes for idempotency.
 #[derive(Debug, Clone)]
-pub struct Json<T> {
+pub(crate) struct Json<T> {
     /// What it says.
-    pub value: T,
+    pub(crate) value: T,
     /// How it said it.
-    pub bytes: Bytes,
+    pub(crate) bytes: Bytes,
 }
 
 impl<T: DeserializeOwned + Send + 'static> FromRequest<AppState> for Json<T> {
@@ -34,7 +34,7 @@ impl<T: DeserializeOwned + Send + 'static> FromRequest<AppState> for Json<T> {
 
 /// A JSON merge patch (RFC 7396) on known fields.
 #[derive(Debug, Clone)]
-pub struct MergePatch<T>(pub T);
+pub(crate) struct MergePatch<T>(pub(crate) T);
 
 impl<T: DeserializeOwned + Send + 'static> FromRequest<AppState> for MergePatch<T> {
     type Rejection = ApiError;
@@ -81,7 +81,7 @@ async fn read_json<T: DeserializeOwned + Send + 'static>(
 /// # Errors
 /// `malformed` with line and column where it is not JSON; `invalid` with the pointer of the field where it says
 /// something else than `T`.
-pub fn from_json_object<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+pub(crate) fn from_json_object<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     // serde takes an array for a struct, field by field; nobody means that.
     if bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[') {
         from_json::<serde::de::IgnoredAny>(bytes)?;
@@ -98,7 +98,7 @@ fn not_an_object(found: &str, at: &str) -> Problem {
 ///
 /// # Errors
 /// As [`from_json_object`].
-pub fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+pub(crate) fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     if bytes.iter().all(u8::is_ascii_whitespace) {
         return Err(Problem::new(Code::Malformed, "no JSON", "the body is empty").at("body"));
     }
@@ -115,7 +115,7 @@ pub fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
 ///
 /// # Errors
 /// `invalid` with the pointer of the field.
-pub fn from_value<T: DeserializeOwned>(value: &serde_json::Value, at: &str) -> Result<T, Problem> {
+pub(crate) fn from_value<T: DeserializeOwned>(value: &serde_json::Value, at: &str) -> Result<T, Problem> {
     if !value.is_object() {
         return Err(not_an_object("something else", at));
     }
@@ -167,7 +167,7 @@ where
 
 /// An integer, also where it is written as `3.0`, as programs do that know only one sort of number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
-pub struct Integer(pub i64);
+pub(crate) struct Integer(pub i64);
 
 impl<'de> serde::Deserialize<'de> for Integer {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {

@@ -5,9 +5,9 @@ mod json;
 mod query;
 
 pub(super) use body::{Encoding, encoding, media_type, read_body, unsupported};
-pub use json::{Integer, Json, MergePatch, from_json, from_json_object, from_value};
+pub(super) use json::{Integer, Json, MergePatch, from_json, from_value};
 pub(super) use json::{or_default, present};
-pub use query::{FromQuery, Id, Params, QueryText};
+pub(super) use query::{FromQuery, Id, Params, QueryText};
 
 use super::problem::{ApiResult, internal};
 use axum::http::{HeaderMap, HeaderName};
@@ -31,7 +31,7 @@ pub(super) async fn off_thread<T: Send + 'static>(work: impl FnOnce() -> T + Sen
         Ok(value) => Ok(value),
         Err(error) => {
             if error.is_panic() {
-                // The fence logs it and answers.
+                // The guard logs it and answers.
                 std::panic::resume_unwind(error.into_panic());
             }
             tracing::error!(%error, "blocking work was cancelled");

@@ -11,7 +11,7 @@ use uuid::Uuid;
 
 /// An id in the path; each route has at most one.
 #[derive(Debug, Clone, Copy)]
-pub struct Id<T>(pub T);
+pub(crate) struct Id<T>(pub(crate) T);
 
 impl<T: FromStr + Send, S: Send + Sync> FromRequestParts<S> for Id<T> {
     type Rejection = ApiError;
@@ -46,13 +46,13 @@ pub(in crate::api) fn not_an_id(location: &str, text: &str) -> Problem {
 
 /// The query of a request, taken apart parameter by parameter.
 #[derive(Debug)]
-pub struct QueryText {
+pub(crate) struct QueryText {
     pairs: Vec<(String, String)>,
     known: Vec<&'static str>,
 }
 
 /// What a route takes from the query.
-pub trait FromQuery: Sized {
+pub(crate) trait FromQuery: Sized {
     /// Takes its parameters.
     ///
     /// # Errors
@@ -65,7 +65,7 @@ impl QueryText {
     ///
     /// # Errors
     /// `malformed`, where the query is no query.
-    pub fn pairs(uri: &Uri) -> Result<Vec<(String, String)>, Problem> {
+    pub(crate) fn pairs(uri: &Uri) -> Result<Vec<(String, String)>, Problem> {
         Query::<Vec<(String, String)>>::try_from_uri(uri)
             .map(|Query(pairs)| pairs)
             .map_err(|rejection| Problem::new(Code::Malformed, "unreadable query", rejection.body_text()).at("query"))
@@ -75,7 +75,7 @@ impl QueryText {
     ///
     /// # Errors
     /// `malformed`, where it is given more than once.
-    pub fn take(&mut self, name: &'static str) -> Result<Option<String>, Problem> {
+    pub(crate) fn take(&mut self, name: &'static str) -> Result<Option<String>, Problem> {
         self.known.push(name);
         let mut values = self.pairs.extract_if(.., |(key, _)| key == name).map(|(_, value)| value);
         let value = values.next();
@@ -100,7 +100,7 @@ impl QueryText {
     ///
     /// # Errors
     /// `malformed`, where it is none.
-    pub fn id<T: FromStr>(&mut self, name: &'static str) -> Result<Option<T>, Problem> {
+    pub(crate) fn id<T: FromStr>(&mut self, name: &'static str) -> Result<Option<T>, Problem> {
         let Some(text) = self.take(name)? else { return Ok(None) };
         parse_id(&text).map(Some).ok_or_else(|| not_an_id(&format!("query parameter {name}"), &text))
     }
@@ -109,7 +109,7 @@ impl QueryText {
     ///
     /// # Errors
     /// `malformed`, where it is none.
-    pub fn integer(&mut self, name: &'static str, min: i64, max: i64) -> Result<Option<i64>, Problem> {
+    pub(crate) fn integer(&mut self, name: &'static str, min: i64, max: i64) -> Result<Option<i64>, Problem> {
         let Some(text) = self.take(name)? else { return Ok(None) };
         match text.parse::<i64>() {
             Ok(value) if (min..=max).contains(&value) => Ok(Some(value)),
@@ -121,7 +121,7 @@ impl QueryText {
     ///
     /// # Errors
     /// `malformed`, where it is none.
-    pub fn number(&mut self, name: &'static str) -> Result<Option<f64>, Problem> {
+    pub(crate) fn number(&mut self, name: &'static str) -> Result<Option<f64>, Problem> {
         let Some(text) = self.take(name)? else { return Ok(None) };
         match text.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(Some(value)),
@@ -133,7 +133,7 @@ impl QueryText {
     ///
     /// # Errors
     /// `malformed`, where it is neither.
-    pub fn flag(&mut self, name: &'static str) -> Result<bool, Problem> {
+    pub(crate) fn flag(&mut self, name: &'static str) -> Result<bool, Problem> {
         match self.take(name)?.as_deref() {
             None | Some("false") => Ok(false),
             Some("true") => Ok(true),
@@ -145,7 +145,7 @@ impl QueryText {
     ///
     /// # Errors
     /// `malformed`, where it knows no such name.
-    pub fn one_of<T>(
+    pub(crate) fn one_of<T>(
         &mut self,
         name: &'static str,
         known: &str,
@@ -188,7 +188,7 @@ impl<A: FromQuery, B: FromQuery> FromQuery for (A, B) {
 
 /// The query parameters of a route; any others are refused by name.
 #[derive(Debug, Clone, Copy)]
-pub struct Params<T>(pub T);
+pub(crate) struct Params<T>(pub(crate) T);
 
 impl<T: FromQuery, S: Send + Sync> FromRequestParts<S> for Params<T> {
     type Rejection = ApiError;

@@ -32,11 +32,11 @@ pub(super) fn with_metadata(mut files: Vec<File>) -> Result<(Vec<File>, Vec<File
 /// What is known of a trial besides its recording.
 #[derive(Debug, Clone)]
 pub(super) struct Wanted {
-    pub plant: PlantId,
+    pub(crate) plant: PlantId,
     /// Where the plant was named.
     plant_at: String,
-    pub number: Option<i64>,
-    pub session: Option<i64>,
+    pub(crate) number: Option<i64>,
+    pub(crate) session: Option<i64>,
 }
 
 pub(super) fn assignments(

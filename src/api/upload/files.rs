@@ -22,19 +22,19 @@ const METADATA: &str = "metadata";
 #[derive(Debug, Clone)]
 pub(super) struct File {
     /// Its name, where it came in a form.
-    pub name: Option<String>,
+    pub(crate) name: Option<String>,
     /// Whether it is packed.
-    pub gzip: bool,
+    pub(crate) gzip: bool,
     /// Whether it is JSON (else it is CSV).
-    pub json: bool,
+    pub(crate) json: bool,
     /// Its bytes as they came.
-    pub bytes: Bytes,
+    pub(crate) bytes: Bytes,
 }
 
 /// A file that was read.
 pub(super) struct Read {
-    pub trial: Trial,
-    pub ignored_columns: Vec<String>,
+    pub(crate) trial: Trial,
+    pub(crate) ignored_columns: Vec<String>,
 }
 
 /// What the files of one upload may still take.

@@ -20,9 +20,9 @@ const SAMPLE_TIME_TOLERANCE: f64 = 1e-5;
 
 /// What is said of a file besides its recording.
 pub(super) struct Said {
-    pub name: Option<String>,
-    pub ignored_columns: Vec<String>,
-    pub warnings: Vec<Warning>,
+    pub(crate) name: Option<String>,
+    pub(crate) ignored_columns: Vec<String>,
+    pub(crate) warnings: Vec<Warning>,
 }
 
 /// Reads and measures the files; a number that is left to the server is 0 for now.

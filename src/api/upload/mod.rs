@@ -33,25 +33,25 @@ use utoipa::IntoParams;
 /// What the files do not say themselves.
 #[derive(Debug, Clone, IntoParams)]
 #[into_params(parameter_in = Query)]
-pub struct UploadQuery {
+pub(crate) struct UploadQuery {
     /// The plant that the trial was recorded on, of the subject's study. Needed unless a form's `metadata` names one
     /// for each file.
     #[param(nullable = false)]
-    pub plant: Option<PlantId>,
+    pub(crate) plant: Option<PlantId>,
     /// The trial's number; without it, the next free one within the session (the answer says which). Several files of a
     /// form are numbered from here in succession.
     #[param(minimum = 1, maximum = 1000000000, nullable = false)]
-    pub number: Option<i64>,
+    pub(crate) number: Option<i64>,
     /// The session.
     #[param(minimum = 0, maximum = 1000000000, nullable = false)]
-    pub session: Option<i64>,
+    pub(crate) session: Option<i64>,
     /// Time between samples in seconds; needed where there is no time column, checked against it where there is one.
     #[param(exclusive_minimum = 0, nullable = false)]
-    pub sample_time_s: Option<f64>,
+    pub(crate) sample_time_s: Option<f64>,
     /// Names of CSV columns where they are not `t,r,u,y,d`: pairs `signal:column` separated by commas, with the signals
     /// `time`, `command`, `control`, `output`, `disturbance`.
     #[param(value_type = Option<String>, nullable = false, example = "command:target,output:cursor")]
-    pub columns: Option<ColumnMapping>,
+    pub(crate) columns: Option<ColumnMapping>,
 }
 
 impl FromQuery for UploadQuery {
@@ -107,7 +107,7 @@ fn columns(text: &str) -> Result<ColumnMapping, Problem> {
 #[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(example = serde_json::json!({"file": "s07_12.csv.gz", "number": 12, "session": 1}))]
-pub struct FileMetadata {
+pub(crate) struct FileMetadata {
     /// The name of one of the files.
     file: String,
     /// The trial's number; without it, as the query says.
@@ -123,7 +123,7 @@ pub struct FileMetadata {
 /// A form with files.
 #[derive(Debug, JsonSchema)]
 #[allow(dead_code, reason = "documents a form")]
-pub struct UploadForm {
+pub(crate) struct UploadForm {
     /// CSV files, or CSV files packed with gzip (their names end in `.gz`). Every part with a file name is one,
     /// whatever the part's own name.
     #[schemars(with = "Vec<String>", extend("format" = "binary"))]
@@ -134,7 +134,7 @@ pub struct UploadForm {
 
 /// An uploaded trial.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct UploadedTrial {
+pub(crate) struct UploadedTrial {
     #[serde(flatten)]
     trial: TrialView,
     /// The file that it came from, where it was one of a form.
@@ -152,7 +152,7 @@ pub struct UploadedTrial {
 
 /// The trials of a form, in the order of its files.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-pub struct UploadedTrials {
+pub(crate) struct UploadedTrials {
     items: Vec<UploadedTrial>,
 }
 
@@ -190,9 +190,10 @@ impl Kind {
     responses(
         (status = 201, description = "Stored; Location names a single trial. A form is answered by a list.",
             body = inline(Uploaded)),
-        (status = 200, description = "All of the content was stored before; nothing was stored now.", body = inline(Uploaded)),
+        (status = 200, description = "All of the content was stored before; nothing was stored now.",
+            body = inline(Uploaded)),
         (status = 409, description = "The number is taken by another trial of the session.")))]
-pub async fn upload(
+pub(crate) async fn upload(
     State(state): State<AppState>,
     Id(subject): Id<SubjectId>,
     Params(query): Params<UploadQuery>,
@@ -263,7 +264,7 @@ pub async fn upload(
 #[derive(Debug, JsonSchema)]
 #[serde(untagged)]
 #[allow(dead_code, clippy::large_enum_variant, reason = "documents the two forms of the answer")]
-pub enum Uploaded {
+pub(crate) enum Uploaded {
     /// Of CSV or JSON.
     One(UploadedTrial),
     /// Of a form.

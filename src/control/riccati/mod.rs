@@ -14,17 +14,17 @@ use super::structural::{self, StructuralError};
 use crate::num::linalg::{NoConvergence, solve_symmetric, symmetric};
 pub use doubling::doubling;
 use nalgebra::DMatrix;
-pub use newton::{Newton, newton};
+use newton::{Newton, newton};
 use num_complex::Complex64;
 pub use sign::sign_function;
 
 /// A weight is symmetric where it differs from its transpose by less than this share of its norm.
-pub const SYMMETRY: f64 = 1e-10;
+pub(crate) const SYMMETRY: f64 = 1e-10;
 /// A weight is positive semidefinite where its least eigenvalue is above minus this share of its largest.
-pub const SEMIDEFINITE: f64 = 1e-12;
+pub(crate) const SEMIDEFINITE: f64 = 1e-12;
 /// Relative residual up to which a solution is accepted. Random equations end at 1e-15; this is for loops whose fast
 /// poles are 1e9 times their slow ones, where A is lost in A − BK.
-pub const RESIDUAL: f64 = 1e-6;
+pub(crate) const RESIDUAL: f64 = 1e-6;
 
 /// The equation `AᵀP + PA − PBR⁻¹BᵀP + Q = 0`, in sampled time `AᵀPA − P − AᵀPB(R + BᵀPB)⁻¹BᵀPA + Q = 0`.
 ///
@@ -178,7 +178,7 @@ impl Riccati {
     ///
     /// # Errors
     /// [`RiccatiError`] naming the matrix.
-    pub fn indefinite(
+    pub(crate) fn indefinite(
         a: &DMatrix<f64>,
         b: &DMatrix<f64>,
         q: &DMatrix<f64>,
@@ -254,7 +254,7 @@ impl Riccati {
 
     /// The norm of the left side over the sum of the norms of its terms; 0 for an equation of zeros.
     #[must_use]
-    pub fn relative_residual(&self, p: &DMatrix<f64>) -> f64 {
+    pub(crate) fn relative_residual(&self, p: &DMatrix<f64>) -> f64 {
         let terms = self.terms(p);
         let scale: f64 = terms.iter().map(DMatrix::norm).sum();
         if scale == 0.0 { 0.0 } else { self.residual(p).norm() / scale }

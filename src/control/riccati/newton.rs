@@ -12,7 +12,7 @@ const CONVERGED: f64 = 1e-15;
 
 /// Where Newton's method ended.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Newton {
+pub(crate) struct Newton {
     /// P, n×n.
     pub p: DMatrix<f64>,
     /// The gain of P.
@@ -30,7 +30,7 @@ pub struct Newton {
 /// # Errors
 /// [`RiccatiError::Unsolved`] where the gain does not stabilise, [`RiccatiError::Linear`] where a closed loop is so
 /// close to the boundary of stability that its equation is singular.
-pub fn newton(equation: &Riccati, stabilising: &DMatrix<f64>) -> Result<Newton, RiccatiError> {
+pub(crate) fn newton(equation: &Riccati, stabilising: &DMatrix<f64>) -> Result<Newton, RiccatiError> {
     let not_finite = RiccatiError::Unsolved { reason: "numbers overflow", residual: f64::INFINITY };
     let mut k = stabilising.clone();
     let mut previous: Option<DMatrix<f64>> = None;

@@ -1,7 +1,7 @@
 //! The outermost layer: names each request, refuses foreign hosts, bounds its time, catches panics, writes problems.
 
 use super::problem::{ApiError, HttpProblem, PROBLEM_JSON, RequestCode, Unwritten, internal, of_status};
-use super::state::{AppState, Hosts};
+use super::state::AppState;
 use crate::analysis::{Code, Problem};
 use axum::body::{Body, BodyDataStream, Bytes, HttpBody};
 use axum::extract::{MatchedPath, Request, State};
@@ -17,13 +17,13 @@ use tracing::Instrument;
 use uuid::Uuid;
 
 /// The header that names a request.
-pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+pub(crate) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
 /// How long a client may pause while the rest of its body is thrown away.
 const DRAIN_PAUSE: Duration = Duration::from_secs(2);
 
-/// Runs a request inside the fence.
-pub(super) async fn fence(State(state): State<AppState>, request: Request, next: Next) -> Response {
+/// Runs a request behind the guard.
+pub(super) async fn guard(State(state): State<AppState>, request: Request, next: Next) -> Response {
     let began = Instant::now();
     let id = Uuid::now_v7();
     let method = request.method().clone();
@@ -32,7 +32,7 @@ pub(super) async fn fence(State(state): State<AppState>, request: Request, next:
     let span = tracing::info_span!("request", request_id = %id, %method, path);
 
     let mut response = async {
-        if let Err(problem) = check_host(state.hosts, request.uri(), request.headers()) {
+        if let Err(problem) = check_host(request.uri(), request.headers()) {
             return ApiError::from(problem).with_status(StatusCode::MISDIRECTED_REQUEST).into_response();
         }
         let request = drained_when_dropped(request, &state);
@@ -90,11 +90,9 @@ fn write_problem(response: Response, id: Uuid, method: &str, path: &str) -> Resp
     Response::from_parts(parts, Body::from(bytes))
 }
 
-/// Refuses names that are not of the loopback interface, where only that is served.
-fn check_host(hosts: Hosts, uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
-    if hosts == Hosts::Any {
-        return Ok(());
-    }
+/// Refuses names that are not of the loopback interface, the only one that is served: a web page that makes its own name
+/// point to 127.0.0.1 (DNS rebinding), or posts a form across origins, is refused.
+fn check_host(uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
     let refuse = |what: &str, value: &str| {
         Problem::new(
             Code::Malformed,
@@ -226,7 +224,7 @@ mod tests {
         }
     }
 
-    /// The status and the problem that a route inside the fence leads to.
+    /// The status and the problem that a route behind the guard leads to.
     async fn through(route: axum::routing::MethodRouter<AppState>) -> (u16, HttpProblem) {
         use tower::ServiceExt;
         let store = crate::store::Store::open(None).await.unwrap();
@@ -234,7 +232,7 @@ mod tests {
         let state = AppState::new(store).with_limits(limits);
         let router = axum::Router::new()
             .route("/{id}", route)
-            .layer(axum::middleware::from_fn_with_state(state.clone(), fence))
+            .layer(axum::middleware::from_fn_with_state(state.clone(), guard))
             .with_state(state);
         let request = Request::builder().uri("/x").body(Body::empty()).unwrap();
         let response = router.oneshot(request).await.unwrap();

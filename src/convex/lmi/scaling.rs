@@ -1,0 +1,187 @@
+//! Blocks in the coordinates of Nesterov and Todd, and what every step computes in them.
+
+use super::{Block, Problem};
+use crate::convex::svec;
+use crate::num::linalg::{svd, symmetric};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+/// From so many operations on a product goes to faer's kernel instead of nalgebra's.
+pub(super) const LARGE_PRODUCT: usize = 40_000;
+
+pub(super) type Factor = Cholesky<f64, Dyn>;
+
+/// One block in the coordinates where S and X are the same diagonal matrix.
+pub(super) struct Scaled {
+    /// λ: `R⁻¹SR⁻ᵀ = RᵀXR = diag(λ)`.
+    pub(super) lambda: DVector<f64>,
+    /// R⁻¹.
+    inverse: DMatrix<f64>,
+}
+
+impl Scaled {
+    /// From the factors of S and X: with `L_xᵀL_s = UΛVᵀ`, `R = L_s V Λ^(−1/2)`.
+    pub(super) fn new(s: &Factor, x: &Factor) -> Option<Self> {
+        let (ls, lx) = (s.l(), x.l());
+        let product = lx.tr_mul(&ls);
+        // Eigenvectors of the Gram matrix would lose half of the digits of the small singular values.
+        let (lambda, v) = right_singular(&product)?;
+        if lambda.iter().any(|l| !(l.is_finite() && *l > 0.0)) {
+            return None;
+        }
+        // R⁻¹ = Λ^(1/2) Vᵀ L_s⁻¹: solve L_sᵀ Y = V and transpose.
+        let y = ls.tr_solve_lower_triangular(&v)?;
+        let mut inverse = y.transpose();
+        for (i, l) in lambda.iter().enumerate() {
+            inverse.row_mut(i).scale_mut(l.sqrt());
+        }
+        Some(Self { lambda, inverse })
+    }
+
+    /// `R⁻ᵀ M R⁻¹`, from the scaled dual to the dual.
+    pub(super) fn dual(&self, m: &DMatrix<f64>) -> DMatrix<f64> {
+        symmetric(&self.inverse.tr_mul(&(m * &self.inverse)))
+    }
+
+    /// The longest step that keeps `Λ + step·M` semidefinite.
+    pub(super) fn longest(&self, m: &DMatrix<f64>) -> f64 {
+        let d = self.lambda.len();
+        let scaled =
+            DMatrix::from_fn(d, d, |i, j| 0.5 * (m[(i, j)] + m[(j, i)]) / (self.lambda[i] * self.lambda[j]).sqrt());
+        let least = scaled.symmetric_eigenvalues().min();
+        if least < 0.0 { -1.0 / least } else { f64::INFINITY }
+    }
+}
+
+/// Singular values and right singular vectors, by one-sided Jacobi rotations: small values come out with high relative
+/// accuracy, and small matrices without a call into a blocked decomposition.
+fn right_singular(a: &DMatrix<f64>) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    let d = a.nrows();
+    if d > 12 {
+        let (_, values, v) = svd(a).ok()?;
+        return Some((DVector::from_vec(values), v));
+    }
+    let mut work = a.clone();
+    let mut v = DMatrix::<f64>::identity(d, d);
+    for _ in 0..40 {
+        let mut rotated = false;
+        for p in 0..d {
+            for q in p + 1..d {
+                let (alpha, beta, gamma) = {
+                    let (cp, cq) = (work.column(p), work.column(q));
+                    (cp.norm_squared(), cq.norm_squared(), cp.dot(&cq))
+                };
+                if gamma.abs() <= 1e-15 * (alpha * beta).sqrt() || gamma == 0.0 {
+                    continue;
+                }
+                rotated = true;
+                let zeta = (beta - alpha) / (2.0 * gamma);
+                let t = zeta.signum() / (zeta.abs() + zeta.hypot(1.0));
+                let t = if zeta == 0.0 { 1.0 } else { t };
+                let c = 1.0 / t.hypot(1.0);
+                let s = c * t;
+                for matrix in [&mut work, &mut v] {
+                    let (mut left, mut right) = matrix.columns_range_pair_mut(p..=p, q..=q);
+                    for (l, r) in left.iter_mut().zip(right.iter_mut()) {
+                        let (old_l, old_r) = (*l, *r);
+                        *l = c * old_l - s * old_r;
+                        *r = s * old_l + c * old_r;
+                    }
+                }
+            }
+        }
+        if !rotated {
+            break;
+        }
+    }
+    Some((DVector::from_fn(d, |i, _| work.column(i).norm()), v))
+}
+
+/// `A·B`, or `AᵀB`.
+fn product(a: &DMatrix<f64>, b: &DMatrix<f64>, transpose: bool) -> DMatrix<f64> {
+    let rows = if transpose { a.ncols() } else { a.nrows() };
+    if rows * a.len() / rows.max(1) * b.ncols() < LARGE_PRODUCT {
+        return if transpose { a.tr_mul(b) } else { a * b };
+    }
+    let mut c = DMatrix::zeros(rows, b.ncols());
+    let left = faer::MatRef::from_column_major_slice(a.as_slice(), a.nrows(), a.ncols());
+    let right = faer::MatRef::from_column_major_slice(b.as_slice(), b.nrows(), b.ncols());
+    let target = faer::MatMut::from_column_major_slice_mut(c.as_mut_slice(), rows, b.ncols());
+    let left = if transpose { left.transpose() } else { left };
+    faer::linalg::matmul::matmul(target, faer::Accum::Replace, left, right, 1.0, faer::Par::Seq);
+    c
+}
+
+/// The rows `svec(R⁻¹F_iR⁻ᵀ)` of every block, one column per unknown.
+pub(super) fn scaled_terms(blocks: &[Block], scaled: &[Scaled], unknowns: usize) -> DMatrix<f64> {
+    let rows: usize = blocks.iter().map(|block| svec::length(block.size())).sum();
+    let mut all = DMatrix::zeros(rows, unknowns);
+    let mut offset = 0;
+    for (block, scaled) in blocks.iter().zip(scaled) {
+        let d = block.size();
+        let mut half = product(&scaled.inverse, &block.terms, false);
+        let mut square = vec![0.0; d * d];
+        for i in 0..unknowns {
+            let part = &mut half.as_mut_slice()[i * d * d..(i + 1) * d * d];
+            square.copy_from_slice(part);
+            for r in 0..d {
+                for c in 0..d {
+                    part[c + r * d] = square[r + c * d];
+                }
+            }
+        }
+        let full = product(&scaled.inverse, &half, false);
+        let length = svec::length(d);
+        for i in 0..unknowns {
+            let from = &full.as_slice()[i * d * d..(i + 1) * d * d];
+            svec::write(from, d, &mut all.as_mut_slice()[i * rows + offset..i * rows + offset + length]);
+        }
+        offset += length;
+    }
+    all
+}
+
+/// The μ with which `X = μS⁻¹` comes nearest to dual feasibility, in the metric of the barrier's Hessian (which knows
+/// no units); large enough that what is missing is no larger than the barrier's own gradient.
+pub(super) fn starting_mu(problem: &Problem, s: &[Factor], inverses: &[DMatrix<f64>], gradient: &DVector<f64>) -> f64 {
+    let unknowns = gradient.len();
+    let barrier = problem.blocks.iter().zip(inverses).fold(DVector::zeros(unknowns), |sum, (b, x)| sum + b.adjoint(x));
+    let local: Option<Vec<Scaled>> = s
+        .iter()
+        .map(|s| {
+            let d = s.l_dirty().nrows();
+            let inverse = s.l().solve_lower_triangular(&DMatrix::identity(d, d))?;
+            Some(Scaled { lambda: DVector::from_element(d, 1.0), inverse })
+        })
+        .collect();
+    let metric = local.and_then(|local| {
+        let terms = scaled_terms(&problem.blocks, &local, unknowns);
+        factor_normal(&product(&terms, &terms, true))
+    });
+    let solved = metric.map(|factor| (factor.solve(gradient), factor.solve(&barrier)));
+    let mu = solved.map_or(1.0, |(g, b)| {
+        let fitted = barrier.dot(&g) / barrier.dot(&b);
+        let least = gradient.dot(&g).max(0.0).sqrt();
+        if fitted.is_finite() { fitted.max(least) } else { least }
+    });
+    if mu.is_normal() { mu } else { 1.0 }
+}
+
+/// Cholesky of the normal matrix, with the least shift of its diagonal that makes it definite.
+fn factor_normal(normal: &DMatrix<f64>) -> Option<Factor> {
+    let diagonal = normal.diagonal();
+    let largest = diagonal.max();
+    let mut shift = 0.0;
+    for _ in 0..12 {
+        let mut shifted = normal.clone();
+        for i in 0..shifted.nrows() {
+            shifted[(i, i)] += shift * diagonal[i].max(1e-20 * largest);
+        }
+        if let Some(factor) = shifted.cholesky()
+            && factor.l_dirty().diagonal().iter().all(|v| v.is_finite())
+        {
+            return Some(factor);
+        }
+        shift = if shift == 0.0 { 1e-15 } else { shift * 10.0 };
+    }
+    None
+}
