@@ -149,7 +149,7 @@ impl TestServer {
         Lab { study, plant, subject }
     }
 
-    pub async fn upload_csv(&self, lab: &Lab, query: &str, csv: impl Into<reqwest::Body>) -> Answer {
+    pub async fn upload_csv(&self, lab: &Lab, query: &str, csv: impl Into<Body>) -> Answer {
         let path = format!("/v1/subjects/{}/trials?plant={}{query}", lab.subject, lab.plant);
         self.send(self.request("POST", &path).header(CONTENT_TYPE, "text/csv").body(csv)).await
     }
