@@ -90,8 +90,8 @@ fn write_problem(response: Response, id: Uuid, method: &str, path: &str) -> Resp
     Response::from_parts(parts, Body::from(bytes))
 }
 
-/// Refuses names that are not of the loopback interface, the only one that is served: a web page that makes its own name
-/// point to 127.0.0.1 (DNS rebinding), or posts a form across origins, is refused.
+/// Refuses names that are not of the loopback interface, the only one that is served: a web page that makes its own
+/// name point to 127.0.0.1 (DNS rebinding), or posts a form across origins, is refused.
 fn check_host(uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
     let refuse = |what: &str, value: &str| {
         Problem::new(
