@@ -1,16 +1,16 @@
 //! Volition identifies the control law, and the intent, behind recorded human motion.
 //!
-//! A person tracks a command r through a known plant G with the control u. The crate estimates the response of the closed
-//! loop from recorded trials, finds the feedforward Gff and the feedback Gfb that explain it, asks for which cost gains are
-//! optimal, and designs the experiment that would tell more:
+//! A person tracks a command r through a known plant G with the control u. The crate estimates the response of the
+//! closed loop from recorded trials, finds the feedforward Gff and the feedback Gfb that explain it, asks for which
+//! cost gains are optimal, and designs the experiment that would tell more:
 //!
 //! ```text
 //! u = Gff r + Gfb (r − y)      y = G (u + d)      Gyr = G (Gff + Gfb) / (1 + G Gfb)
 //! ```
 //!
 //! It is the inside of one program, a server with a command line, and not a library with a stable interface.
-//! `docs/architecture.md` walks through the rooms in the order in which data pass through them; in short, from the bottom
-//! to the top:
+//! `docs/architecture.md` walks through the rooms in the order in which data pass through them; in short, from the
+//! bottom to the top:
 //!
 //! - [`num`], [`ctl`]: numbers, and how long computations are driven;
 //! - [`control`], [`convex`]: linear systems with their time base as a type, matrix equations, convex programs;

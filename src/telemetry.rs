@@ -16,7 +16,8 @@ pub enum LogFormat {
     Json,
 }
 
-/// Starts logging for the process. `VOLITION_LOG` chooses what is logged: a level, or levels by target (`info,volition::api=debug`).
+/// Starts logging for the process. `VOLITION_LOG` chooses what is logged: a level, or levels by target
+/// (`info,volition::api=debug`).
 pub fn start(format: LogFormat, default_level: &str) {
     let asked = std::env::var("VOLITION_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
     let filter = asked.unwrap_or_else(|| default_level.parse().unwrap_or_default());

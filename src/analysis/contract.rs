@@ -1,10 +1,12 @@
 //! What a kind of analysis is: a type that answers documents with results.
 //!
 //! ```text
-//! request {kind, inputs, spec} ─ read ─► Inputs, Spec ─ check ─► the analysis ─ run ─► Outcome<Result> ─ registry ─► report
+//! request {kind, inputs, spec} ─ read ─► Inputs, Spec ─ check ─► the analysis
+//!                          report ◄─ registry ─ Outcome<Result> ◄─ run ─┘
 //! ```
-//! A kind is one folder with a type that implements [`Analysis`], and one word in the list of the [registry](super::registry), which alone
-//! makes from it the names, the dispatch, the canonical request, the hashes of inputs, the report and the schemas.
+//! A kind is one folder with a type that implements [`Analysis`], and one word in the list of the
+//! [registry](super::registry), which alone makes from it the names, the dispatch, the canonical request, the hashes of
+//! inputs, the report and the schemas.
 
 use super::inputs::library::{Library, References};
 use super::kind::Kind;
@@ -54,7 +56,8 @@ pub trait Analysis: Sized + Send + Sync + 'static {
         None
     }
 
-    /// The signals that a result carries for a device to play: the signal itself, then what is compared with it. Most kinds have none.
+    /// The signals that a result carries for a device to play: the signal itself, then what is compared with it. Most
+    /// kinds have none.
     fn samples(_result: &Value) -> Option<Samples> {
         None
     }
@@ -62,7 +65,8 @@ pub trait Analysis: Sized + Send + Sync + 'static {
     /// Computes the result. Deterministic, on the rayon pool that it is called in.
     ///
     /// # Errors
-    /// [`Failure::Stopped`] or [`Failure::Interrupted`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question.
+    /// [`Failure::Stopped`] or [`Failure::Interrupted`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot
+    /// answer the question.
     fn run(&self, library: &Library, ctl: &Ctl) -> Result<Outcome<Self::Result>, Failure>;
 }
 
@@ -91,8 +95,8 @@ pub trait Inputs: Part {
         References::default()
     }
 
-    /// SHA-256 of the content of each input, by its JSON pointer in the request: that of each member's JSON with sorted keys, unless the
-    /// inputs name stored things.
+    /// SHA-256 of the content of each input, by its JSON pointer in the request: that of each member's JSON with sorted
+    /// keys, unless the inputs name stored things.
     ///
     /// # Errors
     /// A `not_found` problem, where a stored thing is gone.

@@ -1,7 +1,7 @@
 //! Analyses: a request becomes a checked [`Plan`], a plan and its inputs become a [`Report`].
 //!
-//! One folder a kind; [`contract`] says what a kind is, [`registry`] lists them. Nothing here knows about databases, clocks or the
-//! network: a [`Problem`] says what is wrong in words.
+//! One folder a kind; [`contract`] says what a kind is, [`registry`] lists them. Nothing here knows about databases,
+//! clocks or the network: a [`Problem`] says what is wrong in words.
 
 pub mod compensator_design;
 pub mod contract;

@@ -152,7 +152,8 @@ impl JsonSchema for Kind {
     }
 }
 
-/// An object with a member `kind` that tells which of the kinds it is of: one schema for each of them, and their choice.
+/// An object with a member `kind` that tells which of the kinds it is of: one schema for each of them, and their
+/// choice.
 fn one_of_kinds(
     generator: &mut SchemaGenerator,
     what: &str,
@@ -307,7 +308,8 @@ impl Plan {
     /// Runs on the rayon pool that it is called in.
     ///
     /// # Errors
-    /// [`Failure::Stopped`] or [`Failure::Interrupted`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot answer the question.
+    /// [`Failure::Stopped`] or [`Failure::Interrupted`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot
+    /// answer the question.
     pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
         self.0.run(library, ctl)
     }

@@ -55,8 +55,8 @@ pub struct Effort {
     pub pairs_bounded: u64,
     /// Candidates evaluated one by one; all others of the pool are proven worse by the bounds.
     pub candidates_evaluated: u64,
-    /// How many of these rounding could not tell from the best one, so that QR decided. What bounds exclude in one run, another run may
-    /// have to evaluate before it knows a good candidate.
+    /// How many of these rounding could not tell from the best one, so that QR decided. What bounds exclude in one run,
+    /// another run may have to evaluate before it knows a good candidate.
     #[serde(default)]
     pub candidates_decided_by_qr: u64,
 }

@@ -15,7 +15,8 @@ pub fn csv(report: &Report) -> Result<String, Problem> {
     let Samples { sample_time_s, columns } =
         registry::samples(report).filter(|samples| !samples.columns.is_empty()).ok_or_else(|| {
             Problem::new(Code::NotFound, "no samples", "this result carries no samples").mend(
-                "Ask for an excitation_quality with \"include_samples\": true, an input_design or a robust_input_design.",
+                "Ask for an excitation_quality with \"include_samples\": true, an input_design or a \
+                 robust_input_design.",
             )
         })?;
     let columns: Vec<(&str, &[f64])> =

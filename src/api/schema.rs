@@ -162,12 +162,29 @@ fn capitalised(name: &str) -> String {
 
 /// Writes schemas as generators of clients understand them best.
 fn plain(schema: &mut Schema) {
+    describe_members(schema);
     words(schema);
     if schema.get("type").is_some_and(|kind| kind == "object")
         && schema.get("properties").is_none()
         && schema.get("additionalProperties").is_none()
     {
         schema.insert("additionalProperties".to_owned(), json!(true));
+    }
+}
+
+/// The constant or the only member that tells an alternative from the others says what it is, where it says nothing
+/// itself.
+fn describe_members(schema: &mut Schema) {
+    let Some(Value::Array(choices)) = schema.get_mut("oneOf") else { return };
+    for choice in choices {
+        let Some(text) = choice.get("description").cloned() else { continue };
+        let Some(Value::Object(members)) = choice.get_mut("properties") else { continue };
+        let is_alone = members.len() == 1;
+        for member in members.values_mut().filter_map(Value::as_object_mut) {
+            if is_alone || member.contains_key("const") {
+                member.entry("description").or_insert_with(|| text.clone());
+            }
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! The feedforward numerator on the frequency axis: a real and an imaginary part that decouple.
 //!
-//! On the axis a numerator of degree n is `N = e^{jnθ/2} (E + j O)`, without the rotation in continuous time, where the real functions
-//! E and O are
+//! On the axis a numerator of degree n is `N = e^{jnθ/2} (E + j O)`, without the rotation in continuous time, where the
+//! real functions E and O are
 //!
 //! | | variable y | E | O |
 //! |---|---|---|---|
@@ -9,8 +9,9 @@
 //! | sampled, n even | 1 − cos θ | polynomial in y | sin θ · polynomial in y |
 //! | sampled, n odd | 1 − cos θ | cos θ/2 · polynomial in y | sin θ/2 · polynomial in y |
 //!
-//! with θ = ωT. So a least-squares problem for N splits into two of about half the size. Both polynomials are written in bases that are
-//! orthonormal over the lines: powers of z⁻¹ on a short arc near z = 1 are equal to working precision, and their normal equations worthless.
+//! with θ = ωT. So a least-squares problem for N splits into two of about half the size. Both polynomials are written
+//! in bases that are orthonormal over the lines: powers of z⁻¹ on a short arc near z = 1 are equal to working
+//! precision, and their normal equations worthless.
 
 use super::time::{Time, multiply};
 
@@ -179,15 +180,15 @@ impl Basis {
         &self.odd
     }
 
-    /// The same numerator behind a delay (a lead, where negative): it is `N e^{−jω delay}` that splits, and N whose coefficients are
-    /// given.
+    /// The same numerator behind a delay (a lead, where negative): it is `N e^{−jω delay}` that splits, and N whose
+    /// coefficients are given.
     #[must_use]
     pub fn behind(self, delay_s: f64) -> Self {
         Self { delay_s, ..self }
     }
 
-    /// The angle by which the numerator with its delay is turned at a line before it splits: `−nθ/2` (0 in continuous time), and the
-    /// delay undone.
+    /// The angle by which the numerator with its delay is turned at a line before it splits: `−nθ/2` (0 in continuous
+    /// time), and the delay undone.
     #[must_use]
     pub fn rotation(&self, omega_rad_s: f64) -> f64 {
         let own = match self.time {

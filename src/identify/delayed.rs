@@ -1,17 +1,19 @@
 //! The pool searched with pure delays in feedback and feedforward: `Gfb e^{−jωτ}`, `Gff e^{−jωσ}`.
 //!
-//! With `G' = G e^{−jωτ}` the loop is `G̃ = G' (Gff e^{−jω(σ−τ)} + Gfb)/(1 + G' Gfb)`: the problem of [`super::problem`] on the turned plant G',
-//! with a feedforward numerator that is turned by `σ − τ` before it splits into its real and imaginary part. So every pair of delays is one
-//! search of the pool, with the same bounds and the same proof.
+//! With `G' = G e^{−jωτ}` the loop is `G̃ = G' (Gff e^{−jω(σ−τ)} + Gfb)/(1 + G' Gfb)`: the problem of
+//! [`super::problem`] on the turned plant G', with a feedforward numerator that is turned by `σ − τ` before it splits
+//! into its real and imaginary part. So every pair of delays is one search of the pool, with the same bounds and the
+//! same proof.
 //!
 //! # What is proven
-//! - *Sampled time*, where delays are whole samples: `G z^{−d}` is a plant like any other, its pool holds the candidates whose loop is stable with
-//!   the delay, and the optimum is that of this pool.
-//! - *Continuous time*: the pool is that of the plant without delay, and candidates must also be stable with the delay, as judged by
-//!   [`roots_right_of`](crate::control::delay::roots_right_of), not by an approximation of it. The search answers for the whole pool: if its optimum is stable with
-//!   the delay, it is the optimum of the stable ones; if not, the near-optimal candidates ([`Optimum::near`], without a gap down to the last of them) are
-//!   gone through in order of their cost, and the first that is stable is the optimum. If none of them is, only a lower bound is known,
-//!   and that is what is said. Candidates that are stable with the delay but not without are no members of the pool.
+//! - *Sampled time*, where delays are whole samples: `G z^{−d}` is a plant like any other, its pool holds the
+//!   candidates whose loop is stable with the delay, and the optimum is that of this pool.
+//! - *Continuous time*: the pool is that of the plant without delay, and candidates must also be stable with the delay,
+//!   as judged by [`roots_right_of`](crate::control::delay::roots_right_of), not by an approximation of it. The search
+//!   answers for the whole pool: if its optimum is stable with the delay, it is the optimum of the stable ones; if not,
+//!   the near-optimal candidates ([`Optimum::near`], without a gap down to the last of them) are gone through in order
+//!   of their cost, and the first that is stable is the optimum. If none of them is, only a lower bound is known, and
+//!   that is what is said. Candidates that are stable with the delay but not without are no members of the pool.
 
 use super::pool::{Pool, Recipe};
 use super::problem::{Lines, Problem};
@@ -53,7 +55,8 @@ pub struct Point {
     pub delays: Pair,
     /// The best candidate that is stable with them; `None` where none of the near-optimal ones is.
     pub best: Option<Best>,
-    /// What every candidate that is stable with the delays is proven to cost at least: the cost of the best one, where there is one.
+    /// What every candidate that is stable with the delays is proven to cost at least: the cost of the best one, where
+    /// there is one.
     pub lower_bound: f64,
     /// Candidates with a smaller cost, all of them unstable with the delay.
     pub unstable: u64,
@@ -64,8 +67,8 @@ pub struct Point {
 /// Searches the pool at every pair of delays.
 ///
 /// # Errors
-/// [`SsidError`]; [`SsidError::NotFinite`] for a delay that is negative or no number. A sampled pair must be whole samples, which is for the
-/// caller to check.
+/// [`SsidError`]; [`SsidError::NotFinite`] for a delay that is negative or no number. A sampled pair must be whole
+/// samples, which is for the caller to check.
 pub fn search_with_delays(
     plant: &System,
     data: &FrequencyData,

@@ -1,9 +1,10 @@
 //! Whether the command alone tells feedback and feedforward apart.
 //!
-//! From the command one response is measured, and two controllers are asked for: `H = G (Gff + Gfb)/(1 + G Gfb)`. Any feedback controller
-//! fits any data if the feedforward controller is free; only the degrees of both tell them apart (Zhang 2015, example 2.1). How well they do is read
-//! from the derivatives of the modelled response at the lines. With `Q = 1/(Dfb + G Nfb)`: `∂G̃/∂Gff = G Dfb Q`, by the feedback numerator's
-//! coefficients `G (1 − G Gff) Dfb Q² xⁱ`, by the denominator's `−G (1 − G Gff) Nfb Q² xⁱ`; all are finite at a feedback pole.
+//! From the command one response is measured, and two controllers are asked for: `H = G (Gff + Gfb)/(1 + G Gfb)`. Any
+//! feedback controller fits any data if the feedforward controller is free; only the degrees of both tell them apart
+//! (Zhang 2015, example 2.1). How well they do is read from the derivatives of the modelled response at the lines. With
+//! `Q = 1/(Dfb + G Nfb)`: `∂G̃/∂Gff = G Dfb Q`, by the feedback numerator's coefficients `G (1 − G Gff) Dfb Q² xⁱ`, by
+//! the denominator's `−G (1 − G Gff) Nfb Q² xⁱ`; all are finite at a feedback pole.
 
 use super::problem::Problem;
 use crate::control::System;
@@ -20,12 +21,12 @@ pub struct Identifiability {
     pub unknowns: usize,
     /// Real equations: two per line, one where everything is real (0 Hz).
     pub equations: usize,
-    /// Condition number of the derivatives of the response by all coefficients, each scaled to unit length; null where there are
-    /// more unknowns than equations, or a coefficient has no effect.
+    /// Condition number of the derivatives of the response by all coefficients, each scaled to unit length; null where
+    /// there are more unknowns than equations, or a coefficient has no effect.
     pub condition_number: Option<f64>,
     /// Sine of the smallest angle between what a change of feedback does to the response and what a change of
-    /// feedforward can do: 1 where they are unlike, 0 where feedforward can undo a change of feedback, so that the data do not tell them apart.
-    /// Null where the feedback is zero or there are more unknowns than equations.
+    /// feedforward can do: 1 where they are unlike, 0 where feedforward can undo a change of feedback, so that the data
+    /// do not tell them apart. Null where the feedback is zero or there are more unknowns than equations.
     pub separation: Option<f64>,
 }
 
@@ -171,7 +172,8 @@ mod tests {
         let good =
             judge_on(&tf(&[4.0], &[1.0, 2.0]), &tf(&[2.1, 3.0], &[1.0, 6.5]), &tf(&[5.4], &[1.0, 7.1]), first_order);
         assert!(good.separation.unwrap() > 1e-4 && good.condition_number.unwrap() < 1e5, "{good:?}");
-        // A feedforward of degree 6 over 6 can undo any change of a feedback of degree 1 (the closed loop has degree 3).
+        // A feedforward of degree 6 over 6 can undo any change of a feedback of degree 1 (the closed loop has degree
+        // 3).
         let free = Structure { feedforward_numerator: 6, feedforward_denominator: 6, ..first_order };
         let ff = tf(&[1.0, 9.0, 30.0, 60.0, 70.0, 50.0, 20.0], &[1.0, 12.0, 60.0, 160.0, 240.0, 192.0, 64.0]);
         let poor = judge_on(&tf(&[4.0], &[1.0, 2.0]), &ff, &tf(&[5.4], &[1.0, 7.1]), free);

@@ -1,8 +1,8 @@
 //! The least-squares problem that every candidate is judged by.
 //!
-//! With `T = H/G + (H − 1) Gfb` the modelled response misses the data by
-//! `G̃ − H = G/(1 + G Gfb) · (Gff − T)`, so for a fixed feedback controller the cost is a weighted distance of Gff from T
-//! (Zhang 2015, eqs. 2.3 and 3.6, rearranged), and linear in the feedforward numerator.
+//! With `T = H/G + (H − 1) Gfb` the modelled response misses the data by `G̃ − H = G/(1 + G Gfb) · (Gff − T)`, so for a
+//! fixed feedback controller the cost is a weighted distance of Gff from T (Zhang 2015, eqs. 2.3 and 3.6, rearranged),
+//! and linear in the feedforward numerator.
 
 use super::basis::{Basis, TooFewLines};
 use super::time::Time;
@@ -146,8 +146,8 @@ impl Problem {
 
     /// The reciprocal of a denominator (descending powers) at each line.
     ///
-    /// A feedback controller may have a pole on a line (an integrator at 0 Hz). Everything that is computed from its response has a
-    /// finite limit there, which 10³⁰ in place of infinity gives to working precision.
+    /// A feedback controller may have a pole on a line (an integrator at 0 Hz). Everything that is computed from its
+    /// response has a finite limit there, which 10³⁰ in place of infinity gives to working precision.
     #[must_use]
     pub fn reciprocal_at_lines(&self, denominator: &[f64]) -> Vec<Complex64> {
         let pole = Complex64::new(1e30, 0.0);

@@ -1,8 +1,9 @@
 //! Subsystem identification: from a known plant and the closed loop's frequency response to feedforward and feedback.
 //!
-//! Zhang 2015, algorithms 2.1 and 3.1 (continuous), 5.1 (sampled, FIR feedforward), and the sampled IIR feedforward of example 4.5: of all
-//! candidates of a pool, with the best feedforward numerator each, the one whose closed loop `G̃ = G (Gff + Gfb)/(1 + G Gfb)` comes
-//! closest to the data in `J = Σ weight |G̃ − H|²`. The algorithms are one: they differ in time base and pool.
+//! Zhang 2015, algorithms 2.1 and 3.1 (continuous), 5.1 (sampled, FIR feedforward), and the sampled IIR feedforward of
+//! example 4.5: of all candidates of a pool, with the best feedforward numerator each, the one whose closed loop `G̃ =
+//! G (Gff + Gfb)/(1 + G Gfb)` comes closest to the data in `J = Σ weight |G̃ − H|²`. The algorithms are one: they
+//! differ in time base and pool.
 
 use super::basis::TooFewLines;
 use super::family::{Member, family};
@@ -58,7 +59,8 @@ pub enum SsidError {
     Pool(PoolError),
     /// The pool is larger than allowed.
     #[error(
-        "the pool holds {size} candidates ({feedforward} feedforward denominators, {feedback} feedback controllers), and at most {limit} are searched"
+        "the pool holds {size} candidates ({feedforward} feedforward denominators, {feedback} feedback controllers), \
+         and at most {limit} are searched"
     )]
     Unaffordable {
         /// Candidates.
@@ -369,7 +371,8 @@ fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, position: Position
         say(
             "few_lines",
             format!(
-                "{} frequency lines; more than {wanted} are needed to make sure that no other controllers of these degrees \
+                "{} frequency lines; more than {wanted} are needed to make sure that no other controllers of these \
+                 degrees \
                  have the same closed loop (Zhang 2015, assumption A2.3)",
                 found.lines.len()
             ),
@@ -393,15 +396,18 @@ fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, position: Position
         say(
             "feedback_poorly_determined",
             format!(
-                "one response cannot tell two controllers apart but by their assumed degrees, and here it hardly does: {numbers}. \
-                 Feedback and feedforward of much the same cost may differ a lot; a second stimulus at the plant's input would separate them"
+                "one response cannot tell two controllers apart but by their assumed degrees, and here it hardly does: \
+                 {numbers}. \
+                 Feedback and feedforward of much the same cost may differ a lot; a second stimulus at the plant's \
+                 input would separate them"
             ),
         );
     } else {
         say(
             "feedback_from_structure",
             format!(
-                "feedback and feedforward are told apart only by their assumed degrees (Zhang 2015, example 2.1); {numbers}. \
+                "feedback and feedforward are told apart only by their assumed degrees (Zhang 2015, example 2.1); \
+                 {numbers}. \
                  They describe the modelled loop on the known plant, which is no proof about the person"
             ),
         );
@@ -425,7 +431,8 @@ fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, position: Position
         say(
             "ill_conditioned_coefficients",
             format!(
-                "the coefficients as written give the cost {:.6e} instead of {:.6e}: the feedforward numerator is too high in degree \
+                "the coefficients as written give the cost {:.6e} instead of {:.6e}: the feedforward numerator is too \
+                 high in degree \
                  for its lines to be written in powers of the variable",
                 found.cost_of_coefficients, found.optimum.cost
             ),

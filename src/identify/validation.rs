@@ -12,9 +12,9 @@ const SAMPLE_TIME_TOLERANCE: f64 = 1e-5;
 
 /// The share of a signal's variation that a simulation explains.
 ///
-/// `1 − Σ (x − x̂)² / Σ (x − mean x)²` over all samples: 1 for a perfect simulation, 0 for one no better than the signal's
-/// mean, negative for a worse one. The simulation starts from rest and is driven by the command, and by the disturbance where one
-/// was recorded, never by the recorded control or output: a one-step prediction would flatter.
+/// `1 − Σ (x − x̂)² / Σ (x − mean x)²` over all samples: 1 for a perfect simulation, 0 for one no better than the
+/// signal's mean, negative for a worse one. The simulation starts from rest and is driven by the command, and by the
+/// disturbance where one was recorded, never by the recorded control or output: a one-step prediction would flatter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SimulatedVaf {
     /// Of the output y.

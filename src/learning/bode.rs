@@ -1,12 +1,12 @@
 //! Mean and standard deviation of identified controllers over the subjects of a group, frequency by frequency.
 //!
-//! Two descriptions are given, since they answer different questions. The *complex mean* `(1/n) Σ X_i(jω)` is itself the
-//! response of a linear controller (the one whose output is the mean of the subjects' outputs), and its deviation
+//! Two descriptions are given, since they answer different questions. The *complex mean* `(1/n) Σ X_i(jω)` is itself
+//! the response of a linear controller (the one whose output is the mean of the subjects' outputs), and its deviation
 //! `√(Σ|X_i − X̄|²/(n−1))` is the radius of the cloud in the complex plane; subjects who differ in phase make it small.
-//! The *mean gain* in dB and *mean phase* describe the typical subject and are what a Bode plot with a shaded band shows
-//! (Zhang 2015, figures 3.6c, 5.16 and 5.18). Phases are only defined up to full turns: deviations are taken around the
-//! direction in which the subjects' phases cluster and lie within half a turn, so a full turn between two subjects never
-//! counts as spread.
+//! The *mean gain* in dB and *mean phase* describe the typical subject and are what a Bode plot with a shaded band
+//! shows (Zhang 2015, figures 3.6c, 5.16 and 5.18). Phases are only defined up to full turns: deviations are taken
+//! around the direction in which the subjects' phases cluster and lie within half a turn, so a full turn between two
+//! subjects never counts as spread.
 
 use super::curves::CurveOptions;
 use super::frequency_domain::fraction;
@@ -92,7 +92,8 @@ pub struct GroupResponses {
     pub spec: Option<SpecChoice>,
     /// The trials used.
     pub trials: Vec<ResponseTrial>,
-    /// The inverse dynamics G⁻¹, in the time base of the controllers, to compare with Gff; null where no trial is identified.
+    /// The inverse dynamics G⁻¹, in the time base of the controllers, to compare with Gff; null where no trial is
+    /// identified.
     pub inverse_plant: Option<Response>,
     /// Over all of the subjects.
     pub all: ControllerStatistics,
@@ -150,7 +151,8 @@ pub fn identified_band(subjects: &[SubjectInput]) -> Option<(f64, f64)> {
     })
 }
 
-/// The mean and deviation of the controllers of a study's subjects at the frequencies `omega_rad_s` (rad/s, increasing).
+/// The mean and deviation of the controllers of a study's subjects at the frequencies `omega_rad_s` (rad/s,
+/// increasing).
 #[must_use]
 pub fn study_frequency_responses(
     subjects: &[SubjectInput],
@@ -371,7 +373,8 @@ fn wrapped(angle: f64) -> f64 {
     angle - 2.0 * PI * (angle / (2.0 * PI) - 0.5).ceil()
 }
 
-/// Degrees, with full turns added so that neighbours differ by at most half a turn; the first value lies in (−180, 180].
+/// Degrees, with full turns added so that neighbours differ by at most half a turn; the first value lies in (−180,
+/// 180].
 fn unwrapped(radians: &[Option<f64>]) -> Vec<Option<f64>> {
     let mut last: Option<f64> = None;
     radians

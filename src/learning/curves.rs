@@ -138,7 +138,8 @@ pub struct SubjectLearningCurve {
     pub group: Option<String>,
     /// Whether divergent trials are shown.
     pub include_divergent: bool,
-    /// One curve for each plant, in the order in which the subject met them: trials on different plants never share a curve.
+    /// One curve for each plant, in the order in which the subject met them: trials on different plants never share a
+    /// curve.
     pub curves: Vec<PlantCurve>,
     /// What must be read before using the numbers.
     pub remarks: Vec<Remark>,

@@ -113,8 +113,8 @@ pub fn controller_metrics(
     )
 }
 
-/// [`controller_metrics`] of responses given as functions of ω in rad/s; the plant as numerator and denominator, so that
-/// its inverse exists at its poles.
+/// [`controller_metrics`] of responses given as functions of ω in rad/s; the plant as numerator and denominator, so
+/// that its inverse exists at its poles.
 ///
 /// # Errors
 /// [`MetricsError::BadBand`].
@@ -186,8 +186,9 @@ fn quotient((num, den): (Complex64, Complex64)) -> Complex64 {
 
 /// Numerator and denominator at the angular frequency `omega`.
 ///
-/// Evaluated in doubled precision: the FIR feedforward that inverts a plant sampled at 50 Hz has coefficients of 10⁸ that
-/// cancel to 1 at the frequencies of interest, and plain Horner would leave noise of 10⁻⁸ in which no quadrature converges.
+/// Evaluated in doubled precision: the FIR feedforward that inverts a plant sampled at 50 Hz has coefficients of 10⁸
+/// that cancel to 1 at the frequencies of interest, and plain Horner would leave noise of 10⁻⁸ in which no quadrature
+/// converges.
 pub(super) fn fraction(system: &System, omega: f64) -> (Complex64, Complex64) {
     let x = match system {
         System::Continuous(g) => g.time().point(omega),

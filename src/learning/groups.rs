@@ -97,7 +97,8 @@ pub struct TableRow {
     pub point: CurvePoint,
 }
 
-/// Error against distance from the inverse dynamics, one dot for each identified trial (Zhang 2015, figures 3.6b, 5.15).
+/// Error against distance from the inverse dynamics, one dot for each identified trial (Zhang 2015, figures 3.6b,
+/// 5.15).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Scatter {
     /// The dots.

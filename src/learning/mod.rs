@@ -1,6 +1,8 @@
-//! What trials say about learning: time-domain metrics, distances from the inverse dynamics, curves over trials, groups.
+//! What trials say about learning: time-domain metrics, distances from the inverse dynamics, curves over trials,
+//! groups.
 //!
-//! Everything here takes plain values ([`SubjectInput`]), so that a caller with a database, a file or a simulation can use it.
+//! Everything here takes plain values ([`SubjectInput`]), so that a caller with a database, a file or a simulation can
+//! use it.
 
 pub mod bode;
 pub mod correlation;

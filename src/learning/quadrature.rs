@@ -80,8 +80,8 @@ impl Ord for Piece {
 
 /// `1/(to − from) ∫ f` with an estimated error of at most `1e-9` of it (or `1e-13` of the mean size of its terms).
 ///
-/// The end points themselves are never evaluated, so a removable singularity there does no harm; one inside is bridged by
-/// the mean of its neighbours.
+/// The end points themselves are never evaluated, so a removable singularity there does no harm; one inside is bridged
+/// by the mean of its neighbours.
 pub(crate) fn mean(f: impl Fn(f64) -> Sample, from: f64, to: f64) -> Result<f64, NoIntegral> {
     let width = to - from;
     let mut heap = BinaryHeap::new();

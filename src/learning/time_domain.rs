@@ -69,8 +69,8 @@ pub enum NoDirection {
 
 /// The sign of the first nonzero derivative (sampled: of the first nonzero value) of the step response.
 ///
-/// For a transfer function `b_m x^m + … / (a_n x^n + …)` that is the sign of `b_m/a_n`, by the initial value theorem. For
-/// a state space model it is the sign of the first nonzero one of D, CB, CAB, …, CA^{n−1}B; one below `1e-12` times
+/// For a transfer function `b_m x^m + … / (a_n x^n + …)` that is the sign of `b_m/a_n`, by the initial value theorem.
+/// For a state space model it is the sign of the first nonzero one of D, CB, CAB, …, CA^{n−1}B; one below `1e-12` times
 /// ‖C‖‖A‖^k‖B‖ counts as zero, so that rounding does not decide.
 ///
 /// # Errors

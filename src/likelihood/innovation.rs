@@ -1,18 +1,21 @@
 //! K and L together, from what the person's own filter would predict.
 //!
-//! A person who controls `x⁺ = Ax + Bu + Ew + noise`, `y = Cx + Du + Fw + noise` by a steady-state filter and its estimate,
+//! A person who controls `x⁺ = Ax + Bu + Ew + noise`, `y = Cx + Du + Fw + noise` by a steady-state filter and its
+//! estimate,
 //!
 //! ```text
 //! x̂⁺ = A x̂ + B u + E w + L ε,   u = −K x̂,   y = C x̂ + D u + F w + ε,
 //! ```
-//! makes ε, the innovation, white where L is the filter of the true noise. Solved for ε the same equations predict y from its own past,
+//! makes ε, the innovation, white where L is the filter of the true noise. Solved for ε the same equations predict y
+//! from its own past,
 //!
 //! ```text
 //! x̂⁺ = (A − BK − LC + LDK) x̂ + (E − LF) w + L y,   ŷ = (C − DK) x̂ + F w
 //! ```
-//! and K and L are found as parameters of this predictor, whose input y is. It must be stable. Where the control is recorded too, its own past
-//! takes the place of −Kx̂ in the filter, `x̂⁺ = (A − LC) x̂ + (B − LD) u + (E − LF) w + L y`, and `û = −K x̂` is predicted beside y: this
-//! separates K from L, which the output alone may not (Priess 2015, §6.3).
+//! and K and L are found as parameters of this predictor, whose input y is. It must be stable. Where the control is
+//! recorded too, its own past takes the place of −Kx̂ in the filter, `x̂⁺ = (A − LC) x̂ + (B − LD) u + (E − LF) w + L
+//! y`, and `û = −K x̂` is predicted beside y: this separates K from L, which the output alone may not (Priess 2015,
+//! §6.3).
 
 use super::model::{LoopModel, put};
 use super::starts;

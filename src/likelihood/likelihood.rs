@@ -1,8 +1,9 @@
 //! The residuals of all trials and their derivatives.
 //!
-//! Where the initial states are not known, each trial's is estimated along: the response depends on it linearly, `ŷ = ŷ₀ + Ψ x₀` with the
-//! rows `C Aᵏ` of Ψ, so it is projected out. With Q an orthonormal basis of Ψ the residuals are `(I − QQᵀ) e` and their derivatives
-//! `(I − QQᵀ) ∂e` at the best x₀ (Kaufman 1975): the gradient and Fisher's information are exact.
+//! Where the initial states are not known, each trial's is estimated along: the response depends on it linearly, `ŷ =
+//! ŷ₀ + Ψ x₀` with the rows `C Aᵏ` of Ψ, so it is projected out. With Q an orthonormal basis of Ψ the residuals are `(I
+//! − QQᵀ) e` and their derivatives `(I − QQᵀ) ∂e` at the best x₀ (Kaufman 1975): the gradient and Fisher's information
+//! are exact.
 
 use super::model::LoopModel;
 use crate::control::Discrete;
@@ -48,7 +49,8 @@ pub enum ExperimentError {
     Empty,
     /// A signal has the wrong number of columns, or another length than the other.
     #[error(
-        "the {signal} of trial {trial} (counted from 0) is {rows}x{columns} and must be {expected_rows}x{expected_columns}"
+        "the {signal} of trial {trial} (counted from 0) is {rows}x{columns} and must be \
+         {expected_rows}x{expected_columns}"
     )]
     Size {
         /// The trial.
@@ -74,7 +76,8 @@ pub enum ExperimentError {
     },
     /// More derivatives than are held.
     #[error(
-        "{numbers} numbers were measured in all, and there are {parameters} parameters; their product may be {MAX_NUMBERS} at most"
+        "{numbers} numbers were measured in all, and there are {parameters} parameters; their product may be \
+         {MAX_NUMBERS} at most"
     )]
     TooLong {
         /// Samples times outputs.
@@ -211,8 +214,8 @@ impl<'a> Experiment<'a> {
         Some(poles.iter().map(|p| p.norm()).fold(0.0, f64::max))
     }
 
-    /// The residuals at θ, multiplied by the whitening matrix (p×p), with their derivatives if asked; `None` where the model is not defined or
-    /// runs away.
+    /// The residuals at θ, multiplied by the whitening matrix (p×p), with their derivatives if asked; `None` where the
+    /// model is not defined or runs away.
     #[must_use]
     pub fn evaluate(&self, theta: &[f64], whitening: &DMatrix<f64>, slopes: bool) -> Option<Evaluation> {
         let model = self.model.sampled(theta, self.time, slopes)?;

@@ -19,8 +19,8 @@ pub trait LoopModel: Sync {
     /// The model at θ for samples at this rate, with derivatives if asked; `None` where it is not defined or overflows.
     fn sampled(&self, theta: &[f64], time: Discrete, slopes: bool) -> Option<Differentiated<Discrete>>;
 
-    /// A value of θ within the bounds that may be far from the truth, but for which the loop is expected to be stable. `index` counts the
-    /// draws: the first ones are the plainest.
+    /// A value of θ within the bounds that may be far from the truth, but for which the loop is expected to be stable.
+    /// `index` counts the draws: the first ones are the plainest.
     fn draw(&self, stream: &mut Stream, index: usize, time: Discrete, bounds: &[[f64; 2]]) -> Option<Vec<f64>>;
 
     /// Inputs and outputs of the model.

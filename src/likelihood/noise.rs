@@ -40,8 +40,8 @@ impl Noise {
         covariance
     }
 
-    /// Twice the negative logarithm of the concentrated likelihood, without its constant: `N log det Σ̂ + N p`, with a known Σ
-    /// `N log det Σ + tr(Σ⁻¹S)`.
+    /// Twice the negative logarithm of the concentrated likelihood, without its constant: `N log det Σ̂ + N p`, with a
+    /// known Σ `N log det Σ + tr(Σ⁻¹S)`.
     #[must_use]
     pub fn deviance(&self, scatter: &DMatrix<f64>, samples: usize, sizes: &[f64]) -> f64 {
         let covariance = self.covariance(scatter, samples, sizes);

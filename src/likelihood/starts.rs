@@ -9,7 +9,8 @@ use rand::RngExt;
 /// Draws whose regulators weigh all states alike; their control weights go through as many decades.
 const PLAIN: usize = 13;
 
-/// Parameters near their nominal values or, after the plain draws, anywhere within their bounds: by the logarithm where the bounds are positive.
+/// Parameters near their nominal values or, after the plain draws, anywhere within their bounds: by the logarithm where
+/// the bounds are positive.
 pub(super) fn around(nominal: &[f64], bounds: &[[f64; 2]], stream: &mut Stream, index: usize) -> Vec<f64> {
     let mut values = Vec::with_capacity(nominal.len());
     for (value, [lower, upper]) in nominal.iter().zip(bounds) {
@@ -27,7 +28,8 @@ pub(super) fn around(nominal: &[f64], bounds: &[[f64; 2]], stream: &mut Stream, 
     values
 }
 
-/// The regulator of some weights: the identity and a power of ten for the plain draws, random diagonal ones over six decades after.
+/// The regulator of some weights: the identity and a power of ten for the plain draws, random diagonal ones over six
+/// decades after.
 pub(super) fn regulator(
     a: &DMatrix<f64>,
     b: &DMatrix<f64>,

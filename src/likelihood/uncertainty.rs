@@ -1,7 +1,7 @@
 //! How well the data determine the parameters, and whether the search has arrived.
 //!
-//! Fisher's information at θ̂ is `F = Σ_k (∂e_k)ᵀ Σ⁻¹ (∂e_k)` (Priess 2015, §5.3.1); that of Σ does not mix with it. Its inverse is the
-//! covariance of θ̂, enlarged by `N p/(N p − q)` for the q unknowns that Σ̂ was estimated after.
+//! Fisher's information at θ̂ is `F = Σ_k (∂e_k)ᵀ Σ⁻¹ (∂e_k)` (Priess 2015, §5.3.1); that of Σ does not mix with it.
+//! Its inverse is the covariance of θ̂, enlarged by `N p/(N p − q)` for the q unknowns that Σ̂ was estimated after.
 
 use super::estimate::Estimate;
 use super::likelihood::Experiment;
@@ -9,7 +9,8 @@ use super::noise::Noise;
 use crate::num::distributions::student_t;
 use nalgebra::DMatrix;
 
-/// Correlations of the columns of the Jacobian with a smaller eigenvalue leave a combination of parameters undetermined.
+/// Correlations of the columns of the Jacobian with a smaller eigenvalue leave a combination of parameters
+/// undetermined.
 const UNDETERMINED: f64 = 1e-11;
 /// A parameter this close to a bound, relative to their distance or to its size, is at it.
 const AT_BOUND: f64 = 1e-9;
@@ -25,12 +26,14 @@ pub struct Uncertainty {
     pub degrees: f64,
     /// Ratio of the largest to the smallest eigenvalue of the information in units of each parameter's own.
     pub condition: f64,
-    /// The combination of parameters that is determined worst, a unit vector in units of each parameter's own information.
+    /// The combination of parameters that is determined worst, a unit vector in units of each parameter's own
+    /// information.
     pub weakest: Vec<f64>,
-    /// The projected gradient: the largest cosine between the residuals and a column of the Jacobian, of parameters that no bound holds.
+    /// The projected gradient: the largest cosine between the residuals and a column of the Jacobian, of parameters
+    /// that no bound holds.
     pub gradient_cosine: f64,
-    /// The step that Newton's method would still take, in standard errors: the largest of all parameters; `None` where a combination is
-    /// undetermined.
+    /// The step that Newton's method would still take, in standard errors: the largest of all parameters; `None` where
+    /// a combination is undetermined.
     pub remaining_step: Option<f64>,
     /// Whether the gradient pushes every parameter that is at a bound against it.
     pub bounds_hold: bool,

@@ -84,7 +84,7 @@ pub enum Stop {
 impl Stop {
     /// Whether the answer is a local optimum as far as it can be told.
     #[must_use]
-    pub(crate) fn is_converged(self) -> bool {
+    pub fn is_converged(self) -> bool {
         matches!(self, Self::Converged | Self::PerfectFit)
     }
 }

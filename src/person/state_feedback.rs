@@ -3,8 +3,8 @@
 //! ```text
 //! ẋ = A x + B u + E w,   y = C x + D u + F w,   u = M(s) P(s) (−K x)
 //! ```
-//! P is the Padé approximation of `e^{−τs}` and M the lag `1/(T s + 1)`, one of each for every control; either may be missing
-//! (Priess 2015, figure 5.5 and appendix B, whose print leaves the lag out).
+//! P is the Padé approximation of `e^{−τs}` and M the lag `1/(T s + 1)`, one of each for every control; either may be
+//! missing (Priess 2015, figure 5.5 and appendix B, whose print leaves the lag out).
 
 use crate::control::pade::pade;
 use crate::control::parametric::{Matrices, ParametricModel};
@@ -48,7 +48,8 @@ impl<S> Path<S> {
     }
 }
 
-/// The loop from w to y. The states are those of the plant, then for every control those of its delay and of its lag; these start at rest.
+/// The loop from w to y. The states are those of the plant, then for every control those of its delay and of its lag;
+/// these start at rest.
 #[must_use]
 pub fn close<S: Real>(plant: &Plant<S>, k: &DMatrix<S>, path: &Path<S>) -> Matrices<S> {
     let (n, m, q, p) = (plant.a.nrows(), plant.b.ncols(), plant.e.ncols(), plant.c.nrows());
@@ -191,7 +192,8 @@ pub enum Timing {
     Free(f64),
 }
 
-/// The loop of a plant and a person with unknown gains; θ holds K row by row, the parameters of the plant, and `tau` and `t_w` where free.
+/// The loop of a plant and a person with unknown gains; θ holds K row by row, the parameters of the plant, and `tau`
+/// and `t_w` where free.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StateFeedback<P, T> {
     /// The plant.

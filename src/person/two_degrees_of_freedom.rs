@@ -48,8 +48,8 @@ pub enum LoopError {
 /// The signals of a simulated closed loop.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoopResponse {
-    /// Control u; `None` where the transfer function from the command to the control is improper, so that u has no samples (a
-    /// continuous feedforward with more zeros than poles differentiates the command).
+    /// Control u; `None` where the transfer function from the command to the control is improper, so that u has no
+    /// samples (a continuous feedforward with more zeros than poles differentiates the command).
     pub control: Option<Vec<f64>>,
     /// Output y.
     pub output: Vec<f64>,
@@ -256,8 +256,8 @@ fn check_length(command: &[f64], disturbance: Option<&[f64]>) -> Result<(), Simu
 impl TwoDegreesOfFreedom<Discrete> {
     /// Control and output, sample by sample and from rest, for a command r and a disturbance d at the plant's input.
     ///
-    /// The three systems run as filters in doubled precision (see [`simulate::filter`]); direct paths that close a loop within
-    /// one sample are solved for.
+    /// The three systems run as filters in doubled precision (see [`simulate::filter`]); direct paths that close a loop
+    /// within one sample are solved for.
     ///
     /// # Errors
     /// [`SimulationError`] where a part is improper, the algebraic loop has no solution, the signals differ in length,
@@ -294,16 +294,17 @@ impl TwoDegreesOfFreedom<Discrete> {
 }
 
 impl TwoDegreesOfFreedom<Continuous> {
-    /// Control and output at the samples, from rest, for a command and a disturbance that go straight from sample to sample.
+    /// Control and output at the samples, from rest, for a command and a disturbance that go straight from sample to
+    /// sample.
     ///
     /// The *closed-loop* transfer functions are realised and propagated exactly for such inputs
-    /// ([`simulate::sampled_response`]); plant and controllers are not discretised apart, so sampling changes no
-    /// pole. An improper feedforward (Zhang 2015, section 3.5 has degree 4 over degree 2) is no obstacle as long as the product with the plant is
-    /// proper; the control is then `None`.
+    /// ([`simulate::sampled_response`]); plant and controllers are not discretised apart, so sampling changes no pole.
+    /// An improper feedforward (Zhang 2015, section 3.5 has degree 4 over degree 2) is no obstacle as long as the
+    /// product with the plant is proper; the control is then `None`.
     ///
     /// # Errors
-    /// [`SimulationError`] where command to output or disturbance to output is improper, the signals differ in length, the sample time is not
-    /// positive, or the response of an unstable loop overflows.
+    /// [`SimulationError`] where command to output or disturbance to output is improper, the signals differ in length,
+    /// the sample time is not positive, or the response of an unstable loop overflows.
     pub fn simulate(
         &self,
         command: &[f64],

@@ -131,25 +131,29 @@ pub fn two_mass() -> TransferFunction<Continuous> {
     )
 }
 
-/// Mass, spring and damper with a minimum-phase zero at −2.2: `G(s) = 2 (s + 2.2)/(s² + 3.6 s + 4)` (Zhang 2015, equation 5.4).
+/// Mass, spring and damper with a minimum-phase zero at −2.2: `G(s) = 2 (s + 2.2)/(s² + 3.6 s + 4)` (Zhang 2015,
+/// equation 5.4).
 #[must_use]
 pub fn minimum_phase() -> TransferFunction<Continuous> {
     plant(&[2.0, 4.4], &[1.0, 3.6, 4.0])
 }
 
-/// The same poles with a nonminimum-phase zero at +2.2: `G(s) = −2 (s − 2.2)/(s² + 3.6 s + 4)` (Zhang 2015, equation 5.5).
+/// The same poles with a nonminimum-phase zero at +2.2: `G(s) = −2 (s − 2.2)/(s² + 3.6 s + 4)` (Zhang 2015, equation
+/// 5.5).
 #[must_use]
 pub fn nonminimum_phase() -> TransferFunction<Continuous> {
     plant(&[-2.0, 4.4], &[1.0, 3.6, 4.0])
 }
 
-/// The same poles with a slow nonminimum-phase zero at +0.8: `G(s) = −5.5 (s − 0.8)/(s² + 3.6 s + 4)` (Zhang 2015, equation 5.6).
+/// The same poles with a slow nonminimum-phase zero at +0.8: `G(s) = −5.5 (s − 0.8)/(s² + 3.6 s + 4)` (Zhang 2015,
+/// equation 5.6).
 #[must_use]
 pub fn slow_nonminimum_phase() -> TransferFunction<Continuous> {
     plant(&[-5.5, 4.4], &[1.0, 3.6, 4.0])
 }
 
-/// `G(s) = 1/s`: the control sets the velocity of the output (the first-order plant of the tracking literature since McRuer).
+/// `G(s) = 1/s`: the control sets the velocity of the output (the first-order plant of the tracking literature since
+/// McRuer).
 #[must_use]
 pub fn integrator() -> TransferFunction<Continuous> {
     plant(&[1.0], &[1.0, 0.0])

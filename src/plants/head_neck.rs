@@ -3,10 +3,12 @@
 //! The person sees the target late and turns the head by a PID law on the error, through a muscle that lags:
 //!
 //! ```text
-//! e = r(t − τ) − y,   v = K_p e + K_i ∫e + K_d (e − ξ)/T_f,   T_f ξ̇ = e − ξ,   T_m Ṁ = v − M,   I ÿ + b ẏ + k y = M + w
+//! e = r(t − τ) − y,   v = K_p e + K_i ∫e + K_d (e − ξ)/T_f,   T_f ξ̇ = e − ξ,
+//! T_m Ṁ = v − M,   I ÿ + b ẏ + k y = M + w
 //! ```
-//! in rad, N m and s; w is the noise of the muscle's torque. The thesis prints neither the block of the muscle nor the filter of the
-//! derivative, without which a PID law is no transfer function: the lag `T_m` and the filter `T_f` are declared here, and are parameters.
+//! in rad, N m and s; w is the noise of the muscle's torque. The thesis prints neither the block of the muscle nor the
+//! filter of the derivative, without which a PID law is no transfer function: the lag `T_m` and the filter `T_f` are
+//! declared here, and are parameters.
 
 use crate::control::Continuous;
 use crate::control::pade::pade;

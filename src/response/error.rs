@@ -18,7 +18,8 @@ pub enum FrequencyError {
     NoTrial,
     /// Trials with different sample times are not averaged.
     #[error(
-        "trial {} has a sample time of {sample_time_s} s, trial 1 of {first_s} s; only trials with equal sample times are combined",
+        "trial {} has a sample time of {sample_time_s} s, trial 1 of {first_s} s; only trials with equal sample times \
+         are combined",
         .trial + 1
     )]
     SampleTimesDiffer {
@@ -31,7 +32,8 @@ pub enum FrequencyError {
     },
     /// Lines that a sampled signal does not have.
     #[error(
-        "the line {frequency_hz} Hz is at or above the Nyquist frequency, {nyquist_hz} Hz at the sample time of {sample_time_s} s"
+        "the line {frequency_hz} Hz is at or above the Nyquist frequency, {nyquist_hz} Hz at the sample time of \
+         {sample_time_s} s"
     )]
     LineAboveNyquist {
         /// Position of the line.
@@ -75,7 +77,8 @@ pub enum FrequencyError {
     },
     /// Excited lines are lines of one grid, which segments of different lengths do not have.
     #[error(
-        "segment {} of trial {} has {samples} samples, the first segment {first}; excited lines are looked for on one grid",
+        "segment {} of trial {} has {samples} samples, the first segment {first}; excited lines are looked for on one \
+         grid",
         .segment + 1, .trial + 1
     )]
     UnequalSegments {
@@ -137,7 +140,8 @@ fn no_power_text(trial: usize, input: Stimulus, other_has_power: bool) -> String
         String::new()
     };
     format!(
-        "the {input} of trial {which} carries no power at any of the lines, so the response to it cannot be identified{end}"
+        "the {input} of trial {which} carries no power at any of the lines, so the response to it cannot be \
+         identified{end}"
     )
 }
 

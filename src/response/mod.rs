@@ -1,8 +1,8 @@
 //! Closed-loop frequency responses from recorded trials.
 //!
-//! A segment of `N` samples `x₀ … x_{N−1}` at the sample time `T` has, with the window `w`, the discrete Fourier transform
-//! `X(ω) = Σᵢ wᵢ xᵢ e^{−jωiT}`, `i` counted from the start of the segment. With `R` of the input and `Y` of the output, the
-//! response is the average over all segments of all trials, of `n` segments in all:
+//! A segment of `N` samples `x₀ … x_{N−1}` at the sample time `T` has, with the window `w`, the discrete Fourier
+//! transform `X(ω) = Σᵢ wᵢ xᵢ e^{−jωiT}`, `i` counted from the start of the segment. With `R` of the input and `Y` of
+//! the output, the response is the average over all segments of all trials, of `n` segments in all:
 //!
 //! - ratios (Zhang 2015, sections 3.5.1 and 5.6.1): `H = (1/n) Σ Yₛ/Rₛ`,
 //! - cross spectra: `H = Σ R̄ₛYₛ / Σ |Rₛ|²`.
@@ -11,15 +11,16 @@
 //!
 //! - ratios, `n ≥ 2`: `Σ |Yₛ/Rₛ − H|² / (n (n − 1))`,
 //! - cross spectra, `n ≥ 2`: `Σ |Yₛ − H Rₛ|² / ((n − 1) Σ |Rₛ|²)`,
-//! - `n = 1`: `S/|R|²` with `S` the mean of `|Y|²` over nearby lines of the segment's grid on which no stimulus has power,
+//! - `n = 1`: `S/|R|²` with `S` the mean of `|Y|²` over nearby lines of the segment's grid on which no stimulus has
+//!   power,
 //! - otherwise unknown, with the reason.
 //!
 //! ## End samples
-//! A segment from `a` to `b` seconds (counted from the first sample) begins at sample `round(a/T)` and has
-//! `N = round((b − a)/T)` samples: the end sample `b` is *excluded*. That makes `k/(b − a)` Hz the segment's grid, on which a
-//! signal of period `b − a` has no leakage at all. Zhang's sums run from `i = 0` to `N`, the end sample *included*; the
-//! presets follow that. For his commands, which are not periodic, the two differ by less than 1 % of `H` (on a linear loop
-//! and the 60-s chirp: mean error 0.026 excluded, 0.023 included, both from leakage).
+//! A segment from `a` to `b` seconds (counted from the first sample) begins at sample `round(a/T)` and has `N =
+//! round((b − a)/T)` samples: the end sample `b` is *excluded*. That makes `k/(b − a)` Hz the segment's grid, on which
+//! a signal of period `b − a` has no leakage at all. Zhang's sums run from `i = 0` to `N`, the end sample *included*;
+//! the presets follow that. For his commands, which are not periodic, the two differ by less than 1 % of `H` (on a
+//! linear loop and the 60-s chirp: mean error 0.026 excluded, 0.023 included, both from leakage).
 
 mod error;
 mod estimate;

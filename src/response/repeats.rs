@@ -1,4 +1,5 @@
-//! The same response estimated from parts of the data, each part left out in turn: what cross-validation over trials or segments compares.
+//! The same response estimated from parts of the data, each part left out in turn: what cross-validation over trials or
+//! segments compares.
 
 use super::error::FrequencyError;
 use super::estimate::{Estimate, estimate_between};
@@ -9,7 +10,8 @@ use num_complex::Complex64;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Parts that are left out one after the other at most; more trials or segments than these are left out several at a time.
+/// Parts that are left out one after the other at most; more trials or segments than these are left out several at a
+/// time.
 pub const MOST_FOLDS: usize = 10;
 
 /// What is left out.
@@ -42,8 +44,8 @@ pub struct Repeats {
     pub folds: Vec<Fold>,
 }
 
-/// Divides the data of an estimate: trials where there are two or more, segments otherwise. `None` for a single segment, or where a part has no
-/// response at some line.
+/// Divides the data of an estimate: trials where there are two or more, segments otherwise. `None` for a single
+/// segment, or where a part has no response at some line.
 ///
 /// # Errors
 /// [`FrequencyError`], as of the estimate itself.

@@ -1,4 +1,5 @@
-//! Command, disturbance, control and output of every segment at the lines: what an estimate with two stimuli starts from.
+//! Command, disturbance, control and output of every segment at the lines: what an estimate with two stimuli starts
+//! from.
 //!
 //! Values are amplitudes, `2 X(ω)/Σw`: a sinusoid `a cos(ωt + φ)`, `t` from the start of the segment, has `a e^{jφ}`.
 
@@ -97,8 +98,8 @@ struct Piece {
 
 /// Transforms r, d, u and y of every segment at the lines that the settings name, or at every line that r or d excites.
 ///
-/// A stimulus counts as excited on a line of a segment if it has `power_threshold` of the power of its strongest line in that
-/// segment. A trial may lack one of the stimuli, or have it at zero throughout. `ctl` counts segments.
+/// A stimulus counts as excited on a line of a segment if it has `power_threshold` of the power of its strongest line
+/// in that segment. A trial may lack one of the stimuli, or have it at zero throughout. `ctl` counts segments.
 ///
 /// # Errors
 /// [`FrequencyError`]; [`FrequencyError::NothingExcited`] where neither stimulus has power anywhere.
@@ -298,7 +299,8 @@ fn warnings(trials: &[&Trial], pieces: &[Piece], frequency_hz: &[f64]) -> Vec<Es
         let rough = pieces.iter().filter(|piece| !piece.periodic[stimulus]).count();
         if rough > 0 {
             let message = format!(
-                "the {name} is not periodic with {rough} of {} segments: transients leak into all lines, and the responses are biased \
+                "the {name} is not periodic with {rough} of {} segments: transients leak into all lines, and the \
+                 responses are biased \
                  even without noise",
                 pieces.len()
             );

@@ -39,8 +39,8 @@ pub(super) fn average(pairs: &[(Complex64, Complex64)], how: Average) -> Option<
     }
 }
 
-/// The share of the output's power that the averaged response explains, `|Σ R̄Y|² / (Σ|R|² Σ|Y|²)`; `None` of fewer than
-/// two pairs (of which it is 1, whatever they are) or of an output without power.
+/// The share of the output's power that the averaged response explains, `|Σ R̄Y|² / (Σ|R|² Σ|Y|²)`; `None` of fewer
+/// than two pairs (of which it is 1, whatever they are) or of an output without power.
 pub(super) fn coherence(pairs: &[(Complex64, Complex64)]) -> Option<f64> {
     let cross: Complex64 = pairs.iter().map(|(r, y)| r.conj() * y).sum();
     let input: f64 = pairs.iter().map(|(r, _)| r.norm_sqr()).sum();

@@ -156,7 +156,8 @@ impl Job<'_> {
         let weak_lines = chosen(estimate, weak);
         if !weak_lines.is_empty() {
             let message = format!(
-                "the {input} has less than {threshold} of the power of its strongest line at {}: what is estimated there \
+                "the {input} has less than {threshold} of the power of its strongest line at {}: what is estimated \
+                 there \
                  is mostly noise and leakage",
                 hertz(&weak_lines)
             );
@@ -211,7 +212,8 @@ impl Job<'_> {
             self.pieces.iter().zip(transformed).filter(|(_, t)| !t.periodic).map(|(piece, _)| piece).collect();
         if let Some(piece) = rough.first() {
             let message = format!(
-                "the {} is not periodic with the segment ({} of {} segments, first {}): transients leak into all lines, and \
+                "the {} is not periodic with the segment ({} of {} segments, first {}): transients leak into all \
+                 lines, and \
                  the response is biased even without noise",
                 name(self.channels.input),
                 rough.len(),

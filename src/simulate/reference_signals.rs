@@ -12,8 +12,8 @@ pub const CHIRP60_DURATION_S: f64 = 60.0;
 ///
 /// `(2 − 0.035 t) sin(0.2π t + 0.015π t²)` for t ≤ 40, then `(0.8 − 0.035 t) sin(0.2π (80 − t) + 0.015π (80 − t)²)`.
 ///
-/// The second half is the first backwards with its sign changed. Taken as printed: its instantaneous frequency rises from 0.1 to
-/// 0.7 Hz and falls again, although the text there speaks of content between 0.1 and 0.4 Hz.
+/// The second half is the first backwards with its sign changed. Taken as printed: its instantaneous frequency rises
+/// from 0.1 to 0.7 Hz and falls again, although the text there speaks of content between 0.1 and 0.4 Hz.
 #[must_use]
 pub fn chirp80_at(time_s: f64) -> f64 {
     if time_s <= 40.0 {

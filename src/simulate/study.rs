@@ -44,8 +44,8 @@ impl SimulatedStudy {
     /// Sample time of the study that this one is modelled on (Zhang 2015, section 5.2), s.
     pub const SAMPLE_TIME_S: f64 = 0.02;
 
-    /// Two groups, `minimum_phase` and `nonminimum_phase`, of `subjects` each, with the plants, the command and the sample
-    /// time of Zhang 2015, chapter 5. The seed decides who the subjects are and what they do.
+    /// Two groups, `minimum_phase` and `nonminimum_phase`, of `subjects` each, with the plants, the command and the
+    /// sample time of Zhang 2015, chapter 5. The seed decides who the subjects are and what they do.
     ///
     /// # Errors
     /// [`SubjectError`], which no seed is known to cause.

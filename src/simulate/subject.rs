@@ -1,8 +1,8 @@
 //! A simulated human subject, for demonstrations and tests.
 //!
 //! What it does is chosen, not measured: plausible numbers for a person at a joystick, so that every station of the
-//! product has something to work on whose truth is known. The laws lie outside the model class that SSID fits (a delay, a
-//! preview), so a fit has honest misfit.
+//! product has something to work on whose truth is known. The laws lie outside the model class that SSID fits (a delay,
+//! a preview), so a fit has honest misfit.
 
 use super::inverse_dynamics::{ApproximateInverse, InverseError};
 use crate::control::bode::log_grid;
@@ -59,8 +59,8 @@ pub struct SubjectParameters {
 }
 
 impl SubjectParameters {
-    /// The parameters of the subject with this seed, uniform over ranges usual for manual tracking (delays and lags as in McRuer
-    /// and Jex 1967); nonminimum-phase inverse dynamics are learned more slowly and less far.
+    /// The parameters of the subject with this seed, uniform over ranges usual for manual tracking (delays and lags as
+    /// in McRuer and Jex 1967); nonminimum-phase inverse dynamics are learned more slowly and less far.
     #[must_use]
     pub fn draw(seed: u64, nonminimum_phase: bool) -> Self {
         let mut stream = rng::stream(seed, "subject parameters");
@@ -118,7 +118,8 @@ pub enum SubjectError {
     },
     /// The plant runs away, which the simulated subject cannot stabilise.
     #[error(
-        "the plant has an unstable pole at {re} + {im}j, or more than one integrator; a simulated subject cannot hold it"
+        "the plant has an unstable pole at {re} + {im}j, or more than one integrator; a simulated subject cannot hold \
+         it"
     )]
     UnstablePlant {
         /// Real part of the pole.
@@ -159,12 +160,12 @@ pub enum SubjectError {
 ///
 /// In trial n the control is `u = u_ff + u_fb + remnant`, held between samples, and `y = G (u + d)`:
 ///
-/// - `u_fb` is the error `r − y`, delayed, through `K (T s + 1)/(lag s + 1)`. T cancels the slowest other pole of a plant
-///   with an integrator (the subject's lead, as in McRuer's crossover model) and is 0 otherwise. K is the largest gain for
-///   which the sampled loop, delay included, keeps `|1/(1 + G Gfb)|` below the subject's peak for itself and every
-///   smaller gain; as the plant has no unstable pole, the loop is then stable by continuity.
-/// - `u_ff = (1 − λ) g r + λ F r(t + preview)`, where F is the [`ApproximateInverse`] and the share λ approaches its limit
-///   exponentially over the trials, with scatter.
+/// - `u_fb` is the error `r − y`, delayed, through `K (T s + 1)/(lag s + 1)`. T cancels the slowest other pole of a
+///   plant with an integrator (the subject's lead, as in McRuer's crossover model) and is 0 otherwise. K is the largest
+///   gain for which the sampled loop, delay included, keeps `|1/(1 + G Gfb)|` below the subject's peak for itself and
+///   every smaller gain; as the plant has no unstable pole, the loop is then stable by continuity.
+/// - `u_ff = (1 − λ) g r + λ F r(t + preview)`, where F is the [`ApproximateInverse`] and the share λ approaches its
+///   limit exponentially over the trials, with scatter.
 /// - the remnant is white noise through a first-order lag.
 #[derive(Debug, Clone)]
 pub struct SimulatedSubject {
@@ -294,11 +295,13 @@ impl SimulatedSubject {
         (practised + p.learning_scatter * scatter).clamp(0.0, 1.0)
     }
 
-    /// The trial with this number (from 1): the subject follows `command`, sampled at the sample time, while `disturbance`
-    /// (if any, as long as the command) is added to its control. The same seed, number and command give the same trial.
+    /// The trial with this number (from 1): the subject follows `command`, sampled at the sample time, while
+    /// `disturbance` (if any, as long as the command) is added to its control. The same seed, number and command give
+    /// the same trial.
     ///
     /// # Errors
-    /// [`SubjectError`] for a command of fewer than two samples, a disturbance of another length, or values that overflow.
+    /// [`SubjectError`] for a command of fewer than two samples, a disturbance of another length, or values that
+    /// overflow.
     pub fn trial(&self, number: u32, command: &[f64], disturbance: Option<&[f64]>) -> Result<Trial, SubjectError> {
         let samples = command.len();
         if samples < 2 {
@@ -349,8 +352,8 @@ impl SimulatedSubject {
 
     /// The ideal control `F r(t + preview)`.
     ///
-    /// Over the first second the preview fades in (nobody acts before the trial begins); beyond its end the command goes on as
-    /// its mirror image through the last point, so that there is no kink for F to differentiate.
+    /// Over the first second the preview fades in (nobody acts before the trial begins); beyond its end the command
+    /// goes on as its mirror image through the last point, so that there is no kink for F to differentiate.
     fn ideal_control(&self, command: &[f64]) -> Vec<f64> {
         let last = command.len() - 1;
         let ahead = |k: usize| match k.checked_sub(last) {

@@ -4,22 +4,24 @@
 //!
 //! `Gfb = −H_ud/H_yd`, `Gff = H_ur − Gfb (1 − H_yr)`.
 //!
-//! With `y = G (u + d)` these are `Gfb = 1/H_yd − 1/G` and `Gff = H_yr/H_yd − Gfb`. Written so, the first cancels where `|G Gfb|` is
-//! small (`H_yd ≈ G`), and with `H_ud` alone, `Gfb = −H_ud/(G (1 + H_ud))`, it cancels where `|G Gfb|` is large (`H_ud ≈ −1`). The
-//! quotient of the two measured responses cancels nowhere, needs no plant, and does not suffer from what the plant's drift leaks into
-//! y: whatever y did, u is the person's answer to it.
+//! With `y = G (u + d)` these are `Gfb = 1/H_yd − 1/G` and `Gff = H_yr/H_yd − Gfb`. Written so, the first cancels where
+//! `|G Gfb|` is small (`H_yd ≈ G`), and with `H_ud` alone, `Gfb = −H_ud/(G (1 + H_ud))`, it cancels where `|G Gfb|` is
+//! large (`H_ud ≈ −1`). The quotient of the two measured responses cancels nowhere, needs no plant, and does not suffer
+//! from what the plant's drift leaks into y: whatever y did, u is the person's answer to it.
 //!
 //! # Interpolation
-//! Where the command excites a line and the disturbance does not, Gfb is interpolated between the two nearest lines at which it is known,
-//! never beyond them: `ln|Gfb|` linearly in `ln ω`, and the phase linearly in ω (exact for a delay). Phases are unwrapped from line to
-//! line, anchored at the lowest: the principal value there, and from each line to the next the branch that is nearest to what the delay
-//! so far predicts, or simply nearest at the second line. The error of linear interpolation, `½ |f''| (ω − ω₁)(ω₂ − ω)` with f'' from
-//! divided differences of the neighbouring lines, is stated as `interpolation_error` and added to the bands; with fewer than three
-//! lines there is no such estimate. The feedforward is never interpolated.
+//! Where the command excites a line and the disturbance does not, Gfb is interpolated between the two nearest lines at
+//! which it is known, never beyond them: `ln|Gfb|` linearly in `ln ω`, and the phase linearly in ω (exact for a delay).
+//! Phases are unwrapped from line to line, anchored at the lowest: the principal value there, and from each line to the
+//! next the branch that is nearest to what the delay so far predicts, or simply nearest at the second line. The error
+//! of linear interpolation, `½ |f''| (ω − ω₁)(ω₂ − ω)` with f'' from divided differences of the neighbouring lines, is
+//! stated as `interpolation_error` and added to the bands; with fewer than three lines there is no such estimate. The
+//! feedforward is never interpolated.
 //!
 //! # Variance
-//! First order in the errors of the four responses (delta method), `E|δ|²` of the complex value, circular noise assumed. Bands are
-//! `|X| exp(± q s)` and `arg X ± q s` with `s² = E|δ|²/(2|X|²)` and q Student's quantile for twice the complex degrees of freedom.
+//! First order in the errors of the four responses (delta method), `E|δ|²` of the complex value, circular noise
+//! assumed. Bands are `|X| exp(± q s)` and `arg X ± q s` with `s² = E|δ|²/(2|X|²)` and q Student's quantile for twice
+//! the complex degrees of freedom.
 
 use super::responses::{LineResponse, UD, UR, YD, YR};
 use crate::num::distributions::student_t;
@@ -32,7 +34,8 @@ pub struct Estimated {
     pub value: Complex64,
     /// `E|δ|²` from noise, where it is known.
     pub variance: Option<f64>,
-    /// Largest relative error that linear interpolation may have here; 0 where nothing was interpolated, `None` where it cannot be told.
+    /// Largest relative error that linear interpolation may have here; 0 where nothing was interpolated, `None` where
+    /// it cannot be told.
     pub interpolation_error: Option<f64>,
     /// Whether the feedback was interpolated.
     pub interpolated: bool,
@@ -77,7 +80,8 @@ pub struct LineControllers {
 pub struct Controllers {
     /// In increasing frequency.
     pub lines: Vec<LineControllers>,
-    /// Steps of the unwrapped phase, from line to line of the disturbance, of more than a third of a turn: other branches are possible.
+    /// Steps of the unwrapped phase, from line to line of the disturbance, of more than a third of a turn: other
+    /// branches are possible.
     pub ambiguous_phase_hz: Vec<f64>,
 }
 
@@ -190,7 +194,8 @@ impl Knots {
         Self { omega, estimated, phase, ambiguous_hz }
     }
 
-    /// `f''` of a function given at the knots: the largest of the divided differences that hold the interval `i, i + 1`.
+    /// `f''` of a function given at the knots: the largest of the divided differences that hold the interval `i, i +
+    /// 1`.
     fn curvature(x: &[f64], f: &[f64], i: usize) -> Option<f64> {
         let second = |a: usize| {
             let slopes = [(f[a + 1] - f[a]) / (x[a + 1] - x[a]), (f[a + 2] - f[a + 1]) / (x[a + 2] - x[a + 1])];

@@ -1,11 +1,12 @@
 //! Parametric fits to the responses to both stimuli jointly.
 //!
-//! `J(θ) = Σ_k e_k* C_k⁻¹ e_k`, `e_k` the misfit of (H_ur, H_ud) at a line, or of (H_yr, H_yd), and C_k their covariance: maximum likelihood
-//! for circular Gaussian noise of known covariance, independent from line to line. Twice J is chi-square with `2 n − p` degrees of freedom
-//! (n complex values, p parameters) if the structure is right.
+//! `J(θ) = Σ_k e_k* C_k⁻¹ e_k`, `e_k` the misfit of (H_ur, H_ud) at a line, or of (H_yr, H_yd), and C_k their
+//! covariance: maximum likelihood for circular Gaussian noise of known covariance, independent from line to line. Twice
+//! J is chi-square with `2 n − p` degrees of freedom (n complex values, p parameters) if the structure is right.
 //!
-//! On a plant that is known exactly u and y carry the same information, `y = G (u + d)`; in u it comes without what the plant's drift leaks
-//! into y, so trials are fitted in u. Every step of the search keeps the delayed loop stable ([`super::stability`]).
+//! On a plant that is known exactly u and y carry the same information, `y = G (u + d)`; in u it comes without what the
+//! plant's drift leaks into y, so trials are fitted in u. Every step of the search keeps the delayed loop stable
+//! ([`super::stability`]).
 
 use super::responses::{LineResponse, UD, UR, YD, YR};
 use super::structure::{FeedbackLaw, FeedforwardLaw, Parameter, Person, RationalLaw};
@@ -71,8 +72,8 @@ pub struct Found {
     pub name: String,
     /// Its value.
     pub value: f64,
-    /// The half-width of its 95 % interval by linearisation (of its logarithm for positive ones: `value·e^{±h}`); `None` where it lies on the edge of
-    /// its range or is not determined.
+    /// The half-width of its 95 % interval by linearisation (of its logarithm for positive ones: `value·e^{±h}`);
+    /// `None` where it lies on the edge of its range or is not determined.
     pub half_width: Option<f64>,
     /// Whether the interval is one of the logarithm.
     pub logarithmic: bool,
@@ -95,7 +96,8 @@ pub struct Fitted {
     pub weighted: bool,
     /// Complex values fitted.
     pub equations: usize,
-    /// `2 J/(2n − p)`: 1 for a structure that is right under a noise that is right. `None` without degrees of freedom, or without variances.
+    /// `2 J/(2n − p)`: 1 for a structure that is right under a noise that is right. `None` without degrees of freedom,
+    /// or without variances.
     pub reduced_chi_square: Option<f64>,
     /// The probability of a larger one, if both are right.
     pub p_value: Option<f64>,
@@ -105,8 +107,9 @@ pub struct Fitted {
     pub starts_agreeing: usize,
     /// Starts in all.
     pub starts: usize,
-    /// Covariance of the internal unknowns (logarithms of positive parameters), scaled by the reduced chi-square where that exceeds 1. Parameters at
-    /// an edge count as free; where that makes the Jacobian singular, they count as fixed. `None` where it is singular all the same.
+    /// Covariance of the internal unknowns (logarithms of positive parameters), scaled by the reduced chi-square where
+    /// that exceeds 1. Parameters at an edge count as free; where that makes the Jacobian singular, they count as
+    /// fixed. `None` where it is singular all the same.
     pub covariance: Option<DMatrix<f64>>,
     /// Degrees of freedom of its scale; infinite where variances are taken as known.
     pub freedoms: f64,
@@ -477,8 +480,8 @@ impl Fitted {
     }
 }
 
-/// A start with a stable loop: from typical values for the first, scattered around them for the others; numerators of rational laws by linear
-/// least squares on the estimates without structure.
+/// A start with a stable loop: from typical values for the first, scattered around them for the others; numerators of
+/// rational laws by linear least squares on the estimates without structure.
 fn first_guess(cost: &Cost<'_>, responses: &[LineResponse], seed: u64, start: usize) -> Option<Vec<f64>> {
     let person = cost.person;
     let mut stream = rng::stream(seed, &format!("start {start} of a two-stimulus fit"));
@@ -552,7 +555,8 @@ fn rational_laws<'a>(
     laws
 }
 
-/// The numerator that comes nearest to the data for the denominator and delay at hand; each numerator coefficient enters linearly.
+/// The numerator that comes nearest to the data for the denominator and delay at hand; each numerator coefficient
+/// enters linearly.
 fn fill_numerator(person: &Person, prefix: &str, law: RationalLaw, data: &Samples, values: &mut [f64]) {
     let name = format!("{prefix}_numerator_0");
     let Some(first) = person.parameters().iter().position(|p| p.name == name) else { return };

@@ -1,9 +1,10 @@
 //! The best candidate of a pool for the responses to both stimuli.
 //!
-//! `J = Σ w_r |G̃_yr − H_yr|² + Σ w_d |G̃_yd − H_yd|²` over the lines of each. The second sum depends on the feedback alone,
-//! `G̃_yd = G/(1 + G Gfb)`, and the first is for every feedback and feedforward denominator a linear least-squares problem of the feedforward
-//! numerator, as in [`crate::identify::problem`]. A feedback whose second sum alone exceeds the best J is passed over with all its feedforward
-//! denominators: exact, since the first sum is not negative. Ties go to the lowest index.
+//! `J = Σ w_r |G̃_yr − H_yr|² + Σ w_d |G̃_yd − H_yd|²` over the lines of each. The second sum depends on the feedback
+//! alone, `G̃_yd = G/(1 + G Gfb)`, and the first is for every feedback and feedforward denominator a linear
+//! least-squares problem of the feedforward numerator, as in [`crate::identify::problem`]. A feedback whose second sum
+//! alone exceeds the best J is passed over with all its feedforward denominators: exact, since the first sum is not
+//! negative. Ties go to the lowest index.
 
 use crate::ctl::{Bracket, Ctl, Stopped};
 use crate::identify::pool::{Candidate, Pool};
@@ -71,7 +72,8 @@ fn disturbance_cost(lines: &[DisturbanceLine], feedback: &[Complex64]) -> f64 {
         .sum()
 }
 
-/// Finds the best candidate; `problem` holds the lines of the command, `lines` those of the disturbance. Progress is in blocks.
+/// Finds the best candidate; `problem` holds the lines of the command, `lines` those of the disturbance. Progress is in
+/// blocks.
 ///
 /// # Errors
 /// [`PoolSearchError`].

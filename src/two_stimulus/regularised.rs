@@ -4,11 +4,12 @@
 //!
 //! `U_ik − U₀_ik = δ_r(ω_k, g, i) H⁰_ur R_ik + δ_d(ω_k, g, i) H⁰_ud D_ik + N_ik`,
 //!
-//! where the relative deviations δ are circular Gaussian processes over `ln ω` (Pillonetto et al. 2014, section 4, in the frequency domain): one
-//! shared by all trials, one for each group g of trials (the types of a protocol), and one for each trial, all with the kernel
-//! `exp(−½ (Δ ln ω/ℓ)²)`. The posterior mean of the first two predicts a new trial. Their sizes and ℓ are those of a grid with the smallest
-//! leave-one-trial-out error *within the trials given*. As ℓ and the sizes grow this is the estimate without structure, group by group;
-//! as the sizes vanish it is the parametric law.
+//! where the relative deviations δ are circular Gaussian processes over `ln ω` (Pillonetto et al. 2014, section 4, in
+//! the frequency domain): one shared by all trials, one for each group g of trials (the types of a protocol), and one
+//! for each trial, all with the kernel `exp(−½ (Δ ln ω/ℓ)²)`. The posterior mean of the first two predicts a new trial.
+//! Their sizes and ℓ are those of a grid with the smallest leave-one-trial-out error *within the trials given*. As ℓ
+//! and the sizes grow this is the estimate without structure, group by group; as the sizes vanish it is the parametric
+//! law.
 
 use super::fit::Fitted;
 use super::responses::{UD, UR};
@@ -173,8 +174,8 @@ impl Regularised {
         self.sizes
     }
 
-    /// By how much the control of a trial at a line, a mean of its segments, differs from what the other trials predict of it. The sizes were chosen by
-    /// these errors, so they flatter a little.
+    /// By how much the control of a trial at a line, a mean of its segments, differs from what the other trials predict
+    /// of it. The sizes were chosen by these errors, so they flatter a little.
     #[must_use]
     pub fn left_out_error(&self, trial: usize, line: usize) -> Option<Complex64> {
         self.samples.iter().position(|s| s.trial == trial && s.line == line).map(|i| self.left_out[i])

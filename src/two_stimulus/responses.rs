@@ -1,14 +1,17 @@
 //! The loop's responses to command and disturbance, line by line, by least squares over trials.
 //!
-//! At every line `U = H_ur R + H_ud D + N_u` and `Y = H_yr R + H_yd D + N_y`. With the rows `x = (R, D)` of the observations,
+//! At every line `U = H_ur R + H_ud D + N_u` and `Y = H_yr R + H_yd D + N_y`. With the rows `x = (R, D)` of the
+//! observations,
 //!
 //! `Ĥ = (Σ x̄ xᵀ)⁻¹ Σ x̄ (U, Y)`, `E δĤ_qj δĤ̄_q'j' = [(Σ x̄ xᵀ)⁻¹]_qq' Σ_jj'`,
 //!
-//! where Σ is the 2×2 covariance of the noise of (U, Y), assumed circular and the same in every observation. Trials with one stimulus,
-//! with both on interleaved lines, and with both on the same line in changing proportion all enter the same sums.
+//! where Σ is the 2×2 covariance of the noise of (U, Y), assumed circular and the same in every observation. Trials
+//! with one stimulus, with both on interleaved lines, and with both on the same line in changing proportion all enter
+//! the same sums.
 //!
 //! Σ comes from the first of these that has two degrees of freedom or more:
-//! 1. the residuals of whole trials (periods of a trial with equal stimuli averaged first), which hold the changes from trial to trial too,
+//! 1. the residuals of whole trials (periods of a trial with equal stimuli averaged first), which hold the changes from
+//!    trial to trial too,
 //! 2. the residuals of segments,
 //! 3. the power on nearby lines without a stimulus.
 

@@ -1,11 +1,13 @@
 //! The loop simulated from its frequency responses, and the share of a recording that it accounts for.
 //!
-//! Command and disturbance are transformed with at least three times their length of zeros behind them, multiplied by the responses of a stable
-//! loop, and transformed back: the exact answer from rest of a loop that acts on band-limited signals, delays that are no whole number of
-//! samples and improper feedforward included, as long as the loop forgets within the zeros.
+//! Command and disturbance are transformed with at least three times their length of zeros behind them, multiplied by
+//! the responses of a stable loop, and transformed back: the exact answer from rest of a loop that acts on band-limited
+//! signals, delays that are no whole number of samples and improper feedforward included, as long as the loop forgets
+//! within the zeros.
 //!
-//! The responses are known where the lines are. Far above them they are extrapolated, and an inverse of the plant may be boundless there, so what
-//! command and disturbance have beyond a highest frequency is left out: a cosine taper from there to twice of it.
+//! The responses are known where the lines are. Far above them they are extrapolated, and an inverse of the plant may
+//! be boundless there, so what command and disturbance have beyond a highest frequency is left out: a cosine taper from
+//! there to twice of it.
 
 use super::responses::{UD, UR, YD, YR};
 use crate::trial::Trial;
@@ -28,7 +30,8 @@ pub struct Simulated {
 /// The highest frequency in a simulation, in multiples of the highest line.
 pub const BEYOND_LINES: f64 = 4.0;
 
-/// Simulates the loop with the responses `[H_ur, H_yr, H_ud, H_yd]` of ω in rad/s, from rest; stimuli are tapered off from `highest_rad_s` on.
+/// Simulates the loop with the responses `[H_ur, H_yr, H_ud, H_yd]` of ω in rad/s, from rest; stimuli are tapered off
+/// from `highest_rad_s` on.
 ///
 /// `None` where a response is not finite. The loop must be stable, which is for the caller to know.
 #[must_use]
@@ -81,8 +84,9 @@ pub fn simulate(
     Some(Simulated { control: back(u), output: back(y) })
 }
 
-/// The shares `[u, y]` of a trial's variation that a simulation accounts for, `1 − Σ (x − x̂)²/Σ (x − mean x)²` over all samples, as
-/// [`crate::identify::validation`] has it; `None` where the recording does not vary or nothing is finite.
+/// The shares `[u, y]` of a trial's variation that a simulation accounts for, `1 − Σ (x − x̂)²/Σ (x − mean x)²` over
+/// all samples, as [`crate::identify::validation`] has it; `None` where the recording does not vary or nothing is
+/// finite.
 #[must_use]
 pub fn accounted_for(trial: &Trial, simulated: &Simulated) -> [Option<f64>; 2] {
     let share = |recorded: &[f64], simulated: &[f64]| {

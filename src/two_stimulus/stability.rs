@@ -1,15 +1,16 @@
 //! Stability of a loop whose feedback is known by its frequency response and has a delay: the argument principle.
 //!
-//! With `G = N/D` and a stable Gfb, the poles of the loop outside the stable region are the zeros of `D + N Gfb` there. Divided by a
-//! polynomial of D's degree with all its roots inside,
+//! With `G = N/D` and a stable Gfb, the poles of the loop outside the stable region are the zeros of `D + N Gfb` there.
+//! Divided by a polynomial of D's degree with all its roots inside,
 //!
 //! `f(ω) = (D + N Gfb)/(s + c)ⁿ` at `s = jω`, or `f(ω) = (D + N Gfb)/zⁿ` at `z = e^{jωT}`,
 //!
-//! their number is the number of turns of f along the whole axis, half of which runs from 0 to ∞ (or to the Nyquist frequency): the loop is
-//! stable iff the phase of f returns to 0 there. Poles of G on the axis need no detour, since nothing is divided by D. The delay enters
-//! exactly, as `e^{−jωτ}` in the response.
+//! their number is the number of turns of f along the whole axis, half of which runs from 0 to ∞ (or to the Nyquist
+//! frequency): the loop is stable iff the phase of f returns to 0 there. Poles of G on the axis need no detour, since
+//! nothing is divided by D. The delay enters exactly, as `e^{−jωτ}` in the response.
 //!
-//! On a sampled plant the feedback acts between samples as its continuous response up to the Nyquist frequency says, and must be small there.
+//! On a sampled plant the feedback acts between samples as its continuous response up to the Nyquist frequency says,
+//! and must be small there.
 
 use crate::control::System;
 use num_complex::Complex64;
@@ -25,8 +26,9 @@ const MOST_EVALUATIONS: usize = 200_000;
 
 /// Whether `1 + G Gfb` has no zero on or outside the boundary of stability. Gfb itself must be stable.
 ///
-/// `feedback(ω)` is the response of Gfb, delay included; `delay_s` says how fast its phase may turn; `scale_rad_s` is a frequency of the
-/// loop's own (its crossover, or the middle of the lines). False also for a loop whose gain does not fall off.
+/// `feedback(ω)` is the response of Gfb, delay included; `delay_s` says how fast its phase may turn; `scale_rad_s` is a
+/// frequency of the loop's own (its crossover, or the middle of the lines). False also for a loop whose gain does not
+/// fall off.
 #[must_use]
 pub fn is_loop_stable(plant: &System, feedback: impl Fn(f64) -> Complex64, delay_s: f64, scale_rad_s: f64) -> bool {
     let (num, den) = (plant.num(), plant.den());

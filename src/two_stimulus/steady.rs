@@ -6,12 +6,14 @@
 //!
 //! of its variation: what lies off the lines counts as missed. Three ceilings tell how much there is to gain.
 //!
-//! - *At the lines*: `x̂ = x`. No linear response to these stimuli has a larger share, whatever it follows (each trial its own).
-//! - *One response for each group of trials* (whose segments repeat one another, and are averaged first), known without error: with the least-squares response of a group and its residuals r_i of n trials with
-//!   leverages h_i, `E |r_i|² = σ² (1 − h_i)`, so `|r_i|²/(1 − h_i)` estimates what such a response misses without bias. What is missed beyond the power off
-//!   the lines is the change from trial to trial.
-//! - *Left out*: the same, each trial predicted from the others of its group, residuals `r_i/(1 − h_i)`. What this loses against the ceiling before it
-//!   is the price of few trials, which a structure or a prior can pay back in part.
+//! - *At the lines*: `x̂ = x`. No linear response to these stimuli has a larger share, whatever it follows (each trial
+//!   its own).
+//! - *One response for each group of trials* (whose segments repeat one another, and are averaged first), known without
+//!   error: with the least-squares response of a group and its residuals r_i of n trials with leverages h_i, `E |r_i|²
+//!   = σ² (1 − h_i)`, so `|r_i|²/(1 − h_i)` estimates what such a response misses without bias. What is missed beyond
+//!   the power off the lines is the change from trial to trial.
+//! - *Left out*: the same, each trial predicted from the others of its group, residuals `r_i/(1 − h_i)`. What this
+//!   loses against the ceiling before it is the price of few trials, which a structure or a prior can pay back in part.
 
 use crate::response::stimuli::{SegmentLines, StimulusLines};
 use num_complex::Complex64;

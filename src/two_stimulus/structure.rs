@@ -82,7 +82,8 @@ pub const LARGEST_DEGREE: usize = 8;
 pub enum StructureError {
     /// The loop gain would not fall off with frequency.
     #[error(
-        "the loop of plant and feedback is not strictly proper (relative degree {0}), so its stability with a delay cannot be kept"
+        "the loop of plant and feedback is not strictly proper (relative degree {0}), so its stability with a delay \
+         cannot be kept"
     )]
     NotStrictlyProper(i64),
     /// A degree is too high.

@@ -12,7 +12,8 @@
 //!   text.
 //! - **A death is not.** The lease runs out, any worker's rescue puts the analysis back at the end of the queue, and
 //!   after `max_attempts` deaths it fails with `worker_died`.
-//! - **Pools and trees** that analyses share are kept in memory, and in a [`cache`] on disk for the next process.
+//! - **Pools and trees** that analyses share are kept in memory by a [`PoolMemo`], and in a [`cache`] on disk for the
+//!   next process.
 //! - **Shutdown** stops claiming, gives running work `drain_s` to finish, then hands the rest back without counting the
 //!   attempt.
 

@@ -120,3 +120,40 @@ fn every_tolerance_is_the_one_in_the_code() {
     }
     assert!(rows > 20, "{rows}");
 }
+
+/// Routes that pages name are in the OpenAPI document.
+#[test]
+fn every_route_exists() {
+    let text = std::fs::read_to_string(root().join("openapi/openapi.json")).unwrap();
+    let document: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let mut named = 0;
+    for page in pages() {
+        for (begin, _) in page.text.match_indices("/v1/") {
+            let rest = &page.text[begin..];
+            let is_path = |c: char| c.is_ascii_alphanumeric() || "/_-{}".contains(c);
+            let path = rest[..rest.find(|c| !is_path(c)).unwrap_or(rest.len())].trim_end_matches('/');
+            // What follows a variable of the shell is executed with it.
+            if rest[path.len()..].starts_with('$') || path == "/v1" {
+                continue;
+            }
+            assert!(document["paths"].get(path).is_some(), "{} names {path}, which is no route", page.name);
+            named += 1;
+        }
+    }
+    assert!(named > 10, "{named}");
+}
+
+/// Every room of `src` has its row in the walk through the rooms.
+#[test]
+fn every_room_is_in_the_walk() {
+    let text = page("docs/architecture.md");
+    let rows: Vec<&str> = text.lines().filter(|line| line.starts_with("| `")).collect();
+    for entry in std::fs::read_dir(root().join("src")).unwrap() {
+        let path = entry.unwrap().path();
+        let room = path.file_stem().unwrap().to_string_lossy().into_owned();
+        if room != "lib" && room != "main" {
+            let name = format!("`{room}`");
+            assert!(rows.iter().any(|row| row.split('|').nth(1).unwrap().contains(&name)), "{name} has no row");
+        }
+    }
+}

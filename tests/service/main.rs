@@ -1,6 +1,8 @@
 //! The service: the life of a job, the store, the worker, the interface, and the command in real processes.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+#[path = "../support/contract.rs"]
+mod contract;
 #[path = "../support/property.rs"]
 mod property;
 

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use volition::analysis::{Code, Failure, Incumbent, Problem};
 use volition::ctl::{Bracket, Progress, StopReason, Stopped};
 use volition::jobs::Status;
-use volition::store::{Store, StoreError};
+use volition::store::{AnalysisRecord, Store, StoreError};
 use volition::worker::{Drained, Worker, WorkerSettings};
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

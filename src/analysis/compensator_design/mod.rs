@@ -48,10 +48,9 @@ impl Analysis for Plan {
     const KIND: Kind = Kind::named("compensator_design");
     const TITLE: &'static str = "Design of a compensator";
     const SUMMARY: &'static str = "The proportional control or lead compensator of a position loop (a manipulandum, a \
-        motion platform) that \
-        delivers a given signal with the flattest spectrum in a band, under limits on motion and force: a grid over \
-        the whole box, then climbs \
-        from its best points, with stability proven (Qiu 2021, sections IV.B to IV.D).";
+        motion platform) that delivers a given signal with the flattest spectrum in a band, under limits on motion and \
+        force: a grid over the whole box, then climbs from its best points, with stability proven (Qiu 2021, sections \
+        IV.B to IV.D).";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");
 
@@ -217,9 +216,8 @@ fn warn(found: &Found, judged: &Judged, baseline: Option<&Judged>, warnings: &mu
         && judged.disturbance.value > WEAK * baseline.disturbance.value
     {
         let message = format!(
-            "a person's force pushes this loop aside by up to {:.3e} per unit of force, {:.1} times as far as the \
-             best proportional loop: \
-             limit disturbance_norm if that matters",
+            "a person's force pushes this loop aside by up to {:.3e} per unit of force, {:.1} times as far as the best \
+             proportional loop: limit disturbance_norm if that matters",
             judged.disturbance.value,
             judged.disturbance.value / baseline.disturbance.value
         );

@@ -59,11 +59,10 @@ pub struct Plan {
 impl Analysis for Plan {
     const KIND: Kind = Kind::named("excitation_quality");
     const TITLE: &'static str = "Quality of an excitation";
-    const SUMMARY: &'static str = "How good a signal excites, before a trial or from its recording: spectral flatness \
-        in bands, lines with \
-        their power and noise, order of persistent excitation, autocorrelation and predictability, and what a device \
-        and a body are asked for \
-        where a plant or loop is given (Qiu 2021, equations 1 to 16).";
+    const SUMMARY: &'static str = "How well a signal excites, before a trial or from its recording: spectral flatness \
+        in bands, lines with their power and noise, order of persistent excitation, autocorrelation and \
+        predictability, and what a device and a body are asked for where a plant or loop is given (Qiu 2021, equations \
+        1 to 16).";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");
 
@@ -109,10 +108,9 @@ impl Analysis for Plan {
         let mut warnings = Vec::new();
         if let Some(period_s) = signal.uneven_period_s {
             let message = format!(
-                "the period of {period_s} s is no whole number of samples of {} s: the record stands for a period, \
-                 its lines lie between \
-                 those of the sequence, and every one of them counts; choose a sample time that divides the chip or \
-                 the period",
+                "the period of {period_s} s is no whole number of samples of {} s: the record stands for a period, its \
+                 lines lie between those of the sequence, and every one of them counts; choose a sample time that \
+                 divides the chip or the period",
                 signal.sample_time_s
             );
             warnings.push(Warning::new("period_not_whole", message));
@@ -143,8 +141,7 @@ impl Analysis for Plan {
         if !unjudged.is_empty() {
             let message = format!(
                 "nothing tells the {} of this signal, so that its limit was not judged: give the plant that moves, or \
-                 say by quantity what the \
-                 signal is",
+                 say by quantity what the signal is",
                 unjudged.join(" and the ")
             );
             warnings.push(Warning::new("limit_not_judged", message));

@@ -29,8 +29,7 @@ pub(super) fn slow_decay(path: &Path, lines: &[usize], spacing_hz: f64) -> Optio
             "slow_decay",
             format!(
                 "the slowest mode decays with {decay:.3e} per second: its resonance is narrower than the distance of \
-                 the lines, and has not \
-                 settled within a period (both would take {needed:.3e} per second)"
+                 the lines, and has not settled within a period (both would take {needed:.3e} per second)"
             ),
         )
     })

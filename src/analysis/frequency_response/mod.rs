@@ -154,8 +154,10 @@ pub struct Plan {
 impl Analysis for Plan {
     const KIND: Kind = Kind::named("frequency_response");
     const TITLE: &'static str = "Frequency response";
-    const SUMMARY: &'static str = "The closed loop's frequency response from the command (or the disturbance) to the output (or the \
-        control), from the segments of one trial or of several, at the lines where the stimulus carries power, with the variance and \
+    const SUMMARY: &'static str = "The closed loop's frequency response from the command (or the disturbance) to the \
+                                   output (or the \
+        control), from the segments of one trial or of several, at the lines where the stimulus carries power, with \
+        the variance and \
         the coherence of each line (Zhang 2015, sections 3.5.1 and 5.6.1).";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");
@@ -206,7 +208,8 @@ pub fn divergent_warning(trials: &[ResolvedTrial]) -> Option<Warning> {
         trials.iter().filter(|trial| trial.divergent()).map(|trial| trial.name.as_str()).collect();
     (!divergent.is_empty()).then(|| {
         let message = format!(
-            "|y| passed the study's display limit in {}: the person lost the object, and no linear time-invariant law may \
+            "|y| passed the study's display limit in {}: the person lost the object, and no linear time-invariant law \
+             may \
              describe that",
             divergent.join(", ")
         );

@@ -26,15 +26,16 @@ use serde::{Deserialize, Serialize};
 /// Condition numbers of the nearest optimal gain.
 const CONDITIONS: [f64; 3] = [1e2, 1e4, 1e6];
 
-/// A weight with its interval.
+/// A weight with its interval, on the scale on which R has the mean eigenvalue 1: `Q_ij` in `[u]²/([x_i][x_j])`, R
+/// dimensionless where controls have one unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(rename = "GainFitWeightInterval")]
 pub struct WeightInterval {
-    /// Of the estimate itself; null where that has no cost.
+    /// Of the estimate itself, in those units; null where that has no cost.
     pub estimate: Option<Vec<Vec<f64>>>,
-    /// Lower ends, entry by entry.
+    /// Lower ends, entry by entry, in those units.
     pub lower: Vec<Vec<f64>>,
-    /// Upper ends.
+    /// Upper ends, entry by entry, in those units.
     pub upper: Vec<Vec<f64>>,
 }
 
@@ -42,18 +43,18 @@ pub struct WeightInterval {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(rename = "GainFitNearestOptimal")]
 pub struct NearestOptimal {
-    /// Q.
+    /// Q, n×n, in the unit of the cost over those of two states; the cost is free up to its scale.
     pub q: Vec<Vec<f64>>,
-    /// R.
+    /// R, m×m, in the unit of the cost over those of two controls.
     pub r: Vec<Vec<f64>>,
-    /// Its gain.
+    /// Its gain, m×n, in the unit of the control per unit of the state.
     pub k: Vec<Vec<f64>>,
-    /// `(K̂ − K)ᵀ Cov⁻¹ (K̂ − K)`.
+    /// `(K̂ − K)ᵀ Cov⁻¹ (K̂ − K)`, dimensionless.
     pub distance_squared: f64,
-    /// Probability of a larger distance between an estimate and the true gain, by chi-square with as many degrees as K
-    /// has entries: where it is large, the data do not speak against an optimal gain.
+    /// Probability, dimensionless, of a larger distance between an estimate and the true gain, by chi-square with as
+    /// many degrees as K has entries: where it is large, the data do not speak against an optimal gain.
     pub p_value: f64,
-    /// The condition number that the weights were held to.
+    /// The condition number that the weights were held to, dimensionless.
     pub condition_number: f64,
 }
 
@@ -80,10 +81,11 @@ pub struct OptimalityResult {
     pub verdict: OptimalityVerdict,
     /// Why there is no verdict; null where there is one.
     pub reason: Option<String>,
-    /// `max t` as in `inverse_lqr`, scaled.
+    /// `max t` as in `inverse_lqr`, scaled and so dimensionless; null where there is no verdict, or the structure
+    /// leaves nothing.
     pub t_star_scaled: Option<f64>,
-    /// Dimension of the space of weights that satisfy the equalities; above 1 the gain leaves the cost open, and the
-    /// best conditioned is given.
+    /// Dimension of the space of weights that satisfy the equalities, null where there is no verdict; above 1 the gain
+    /// leaves the cost open, and the best conditioned is given.
     pub unknowns: Option<usize>,
     /// Draws put the question.
     pub draws: usize,
@@ -94,21 +96,21 @@ pub struct OptimalityResult {
     /// Draws whose plant or loop leaves the question without sense (an unstable loop, an uncontrollable plant); they
     /// count as not optimal.
     pub senseless: usize,
-    /// `feasible/draws`; null without draws.
+    /// `feasible/draws`, dimensionless; null without draws.
     pub probability: Option<f64>,
-    /// Its interval, for the number of draws.
+    /// Its interval for the number of draws, dimensionless; null without draws.
     pub probability_interval: Option<[f64; 2]>,
     /// Q on the scale on which R has the mean eigenvalue 1; null with fewer than 20 feasible draws.
     pub q: Option<WeightInterval>,
-    /// R on that scale.
+    /// R on that scale; null as Q.
     pub r: Option<WeightInterval>,
-    /// Where the estimate itself has no cost.
+    /// The nearest gain with a cost, where the estimate itself has none; null otherwise, or where it was not found.
     pub nearest: Option<NearestOptimal>,
     /// Shares of that cost (of the estimate, or else of the nearest optimal gain) along the trajectory of each trial,
     /// in the states of the plant and the control that reaches it, as the fitted loop makes them: what the person paid
     /// for. Null along a trajectory that costs nothing; empty where there is no cost.
     pub trial_shares: Vec<Option<SharesResult>>,
-    /// Along all trials together.
+    /// The same along all trials together; null where there is no cost, or it is zero.
     pub trajectory_shares: Option<SharesResult>,
 }
 

@@ -21,13 +21,13 @@ pub enum BoundSide {
 pub struct FittedParameterResult {
     /// Its name.
     pub name: String,
-    /// The estimate.
+    /// The estimate, in the parameter's unit.
     pub value: f64,
-    /// Its standard error; null at a bound, or where the data do not determine all parameters.
+    /// Its standard error, in that unit; null at a bound, or where the data do not determine all parameters.
     pub standard_error: Option<f64>,
-    /// Its interval of the level asked for, cut at the bounds.
+    /// Its interval of the level asked for, cut at the bounds, in that unit; null where there is no standard error.
     pub interval: Option<[f64; 2]>,
-    /// The bounds that it was held to; null where there is none.
+    /// The lower and the upper bound that it was held to, in that unit; null where there is none.
     pub bounds: [Option<f64>; 2],
     /// The bound that it is at; null where it is at none.
     pub at_bound: Option<BoundSide>,
@@ -39,8 +39,8 @@ pub struct FittedParameterResult {
 pub struct FitConvergenceResult {
     /// Whether the projected gradient is zero to its tolerance: the remaining step is below 0.01 standard errors.
     pub converged: bool,
-    /// The projected gradient: largest cosine between the residuals and their derivative with respect to a parameter
-    /// that no bound holds.
+    /// The projected gradient, dimensionless: largest cosine between the residuals and their derivative with respect to
+    /// a parameter that no bound holds.
     pub gradient_cosine: f64,
     /// The largest step that Newton's method would still take, in standard errors; null where the data do not determine
     /// all parameters.
@@ -49,7 +49,7 @@ pub struct FitConvergenceResult {
     pub bounds_hold: bool,
     /// Draws of a start that make the loop stable, of all draws.
     pub usable_starts: usize,
-    /// Draws.
+    /// Starts drawn.
     pub draws: usize,
     /// Climbs from the likeliest of them.
     pub climbs: usize,
@@ -65,15 +65,15 @@ pub struct FitConvergenceResult {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(rename = "GainFitOutput")]
 pub struct FittedOutputResult {
-    /// Standard deviation of the noise.
+    /// Standard deviation of the noise, in the unit of the output.
     pub noise_sd: f64,
-    /// `100 (1 − ‖y − ŷ‖/‖y − ȳ‖)`, percent; of predictions one sample ahead where the filter is estimated too.
+    /// `100 (1 − ‖y − ŷ‖/‖y − ȳ‖)`, in percent; of predictions one sample ahead where the filter is estimated too.
     pub fit_percent: f64,
-    /// Correlation of neighbouring residuals.
+    /// Correlation of neighbouring residuals, dimensionless.
     pub lag_one_correlation: f64,
     /// Lags of the test of Ljung and Box.
     pub lags: usize,
-    /// Its probability of larger correlations if the residuals are white.
+    /// Its probability of larger correlations if the residuals are white, dimensionless.
     pub whiteness_p: f64,
 }
 
@@ -83,7 +83,8 @@ pub struct FittedOutputResult {
 pub struct GainIdentifiabilityResult {
     /// Whether all parameters are determined.
     pub identifiable: bool,
-    /// Condition number of Fisher's information in units of each parameter's own; null where it is singular.
+    /// Condition number of Fisher's information with each parameter in units of its own; dimensionless, null
+    /// where it is singular.
     pub condition_number: Option<f64>,
     /// The worst combination in those units, such as `0.71 k1 − 0.70 k3`.
     pub weakest_combination: String,
@@ -93,13 +94,13 @@ pub struct GainIdentifiabilityResult {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(rename = "GainFitInverseLqrInputs")]
 pub struct InverseInputsResult {
-    /// A.
+    /// A, n×n, in the unit of `x⁺` per unit of the state.
     pub a: Vec<Vec<f64>>,
-    /// B.
+    /// B, n×m, in the unit of `x⁺` per unit of the control.
     pub b: Vec<Vec<f64>>,
-    /// K.
+    /// K, m×n, in the unit of the control per unit of the state.
     pub k: Vec<Vec<f64>>,
-    /// Null in continuous time.
+    /// The sample time in seconds; null in continuous time.
     pub sample_time_s: Option<f64>,
     /// The names of the states.
     pub state_names: Vec<String>,
@@ -115,19 +116,19 @@ pub struct InverseInputsResult {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(rename = "GainFitInverseLqgInputs")]
 pub struct InverseLqgInputsResult {
-    /// A.
+    /// A, n×n, in the unit of `x⁺` per unit of the state.
     pub a: Vec<Vec<f64>>,
-    /// B.
+    /// B, n×m, in the unit of `x⁺` per unit of the control.
     pub b: Vec<Vec<f64>>,
-    /// C.
+    /// C, p×n, in the unit of the output per unit of the state.
     pub c: Vec<Vec<f64>>,
-    /// D.
+    /// D, p×m, in the unit of the output per unit of the control.
     pub d: Vec<Vec<f64>>,
-    /// K.
+    /// K, m×n, in the unit of the control per unit of the state.
     pub k: Vec<Vec<f64>>,
-    /// L, of the predictor.
+    /// L of the predictor, n×p, in the unit of the state per unit of the output.
     pub l: Vec<Vec<f64>>,
-    /// The sample time.
+    /// The sample time in seconds.
     pub sample_time_s: f64,
     /// The names of the states.
     pub state_names: Vec<String>,
@@ -136,40 +137,44 @@ pub struct InverseLqgInputsResult {
 /// The result of `gain_fit`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GainFitResult {
-    /// K, m×n.
+    /// K, m×n, in the unit of the control per unit of the state.
     pub k: Vec<Vec<f64>>,
-    /// Covariance of K's entries, column by column: what `inverse_lqr` takes as `fit/gain_covariance`.
+    /// Covariance of K's entries, column by column, in products of their units: what `inverse_lqr` takes as
+    /// `fit/gain_covariance`; null where the data do not determine all parameters.
     pub k_covariance: Option<Vec<Vec<f64>>>,
-    /// L, n×p, where it is estimated: the gain of the predictor in sampled time.
+    /// L, n×p, the gain of the predictor in sampled time, in the unit of the state per unit of the output; null where
+    /// it is not estimated.
     pub l: Option<Vec<Vec<f64>>>,
-    /// Covariance of the entries of Lᵀ, column by column: what `inverse_lqe` takes.
+    /// Covariance of the entries of Lᵀ, column by column, in products of their units: what `inverse_lqe` takes; null
+    /// where L is not estimated, or the data do not determine all parameters.
     pub l_covariance: Option<Vec<Vec<f64>>>,
     /// All parameters: K row by row, L row by row, those of the plant, `tau` and `t_w`.
     pub parameters: Vec<FittedParameterResult>,
-    /// Their covariance, in that order.
+    /// Their covariance in that order, in products of their units; null where the data do not determine all of them.
     pub covariance: Option<Vec<Vec<f64>>>,
-    /// Covariance of the noise (of the innovations where the filter is estimated too), p×p.
+    /// Covariance of the noise (of the innovations where the filter is estimated too), p×p, in products of the units of
+    /// the outputs.
     pub noise_covariance: Vec<Vec<f64>>,
-    /// Logarithm of the likelihood.
+    /// Natural logarithm of the likelihood's density, for outputs in their units.
     pub log_likelihood: f64,
-    /// Samples of all trials.
+    /// Samples of all trials together.
     pub samples: usize,
     /// Numbers measured less unknowns.
     pub degrees_of_freedom: f64,
     /// What shows that the search has arrived.
     pub convergence: FitConvergenceResult,
-    /// The outputs.
+    /// Each output, in the order of the columns.
     pub outputs: Vec<FittedOutputResult>,
     /// What the data determine worst.
     pub identifiability: GainIdentifiabilityResult,
     /// Poles of the loop (of the predictor where the filter is estimated too) in sampled time, as `[re, im]`.
     pub sampled_poles: Vec<[f64; 2]>,
-    /// States at the first sample of every trial, where they were estimated.
+    /// States at the first sample of every trial, in their units; null where they were not estimated.
     pub initial_states: Option<Vec<Vec<f64>>>,
-    /// The question that `inverse_lqr` takes.
+    /// The question that `inverse_lqr` takes as its inputs.
     pub inverse_lqr_inputs: InverseInputsResult,
-    /// The question that `inverse_lqg` takes, where the filter is estimated too.
+    /// The question that `inverse_lqg` takes as its inputs; null where the filter is not estimated.
     pub inverse_lqg_inputs: Option<InverseLqgInputsResult>,
-    /// Whether the gains are optimal for a cost, how surely, and for which.
+    /// Whether the gains are optimal for a cost, how surely, and for which; null where that was not asked.
     pub optimality: Option<OptimalityResult>,
 }

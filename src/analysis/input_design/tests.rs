@@ -37,10 +37,12 @@ fn alternating(samples: usize) -> Vec<f64> {
 #[test]
 fn a_model_of_formulas_is_designed_for_and_refitted() {
     let inputs = json!({"model": oscillator(), "starts": [
-        alternating(60), {"generator": {"kind": "prbs", "order": 5, "chip_s": 0.4}, "sample_time_s": 0.2, "duration_s": 12}]});
+        alternating(60),
+        {"generator": {"kind": "prbs", "order": 5, "chip_s": 0.4}, "sample_time_s": 0.2, "duration_s": 12}]});
     let spec = json!({"samples": 60, "sample_time_s": 0.2, "criterion": "a", "measured": ["position"],
                       "noise_covariance": [[1e-6]],
-                      "limits": {"input": 1.5, "outputs": {"position": 0.8, "acceleration": [-4, 4]}, "input_change": 3},
+                      "limits": {"input": 1.5, "input_change": 3,
+                                 "outputs": {"position": 0.8, "acceleration": [-4, 4]}},
                       "scale_to_fit": true, "monte_carlo": {"replicates": 400, "seed": 1}});
     let report = run(inputs.clone(), spec.clone());
     let result = &report.result;
@@ -116,7 +118,8 @@ fn the_plants_of_the_catalogue_are_models() {
 
     // One is designed for: what matters is learnt better, within the limits, and the other masses are taken as known.
     let inputs = json!({"model": {"name": "two_mass", "free": ["m2", "k2", "c2"], "initial": [0, 0, 0.01, 0]},
-        "starts": [{"generator": {"kind": "prbs", "order": 5, "chip_s": 0.4}, "sample_time_s": 0.2, "duration_s": 12}]});
+        "starts": [{"generator": {"kind": "prbs", "order": 5, "chip_s": 0.4}, "sample_time_s": 0.2,
+                    "duration_s": 12}]});
     let limits = json!({"input": 1.5, "outputs": {"first_position": 0.9, "velocity": 1.2}});
     let spec = json!({"samples": 60, "sample_time_s": 0.2, "criterion": "scaled_a", "noise_covariance": [[1e-6]],
         "limits": limits, "scale_to_fit": true, "monte_carlo": {"replicates": 200, "seed": 1}});

@@ -17,7 +17,8 @@ const HELD_OUT: &str = "/inputs/validate_on";
 /// Sample times that differ by more than this share are not the same.
 const SAME_SAMPLE_TIME: f64 = 1e-5;
 
-/// Trials that are fitted, and others that the result is only simulated on: `{"trial": ID, "validate_on": [ID, ..]}`, or signals in both places.
+/// Trials that are fitted, and others that the result is only simulated on: `{"trial": ID, "validate_on": [ID, ..]}`,
+/// or signals in both places.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct FittedTrials {
     /// What is fitted.
@@ -86,7 +87,8 @@ impl FittedTrials {
         self.validate_on.clone().map(|trials| TrialInputs::several(trials, self.inline_plant().cloned()))
     }
 
-    /// Finds the trials and checks what only they can tell: one plant, its sample time, and none that is fitted and held out at once.
+    /// Finds the trials and checks what only they can tell: one plant, its sample time, and none that is fitted and
+    /// held out at once.
     ///
     /// # Errors
     /// A [`Problem`] with the place of the trial.

@@ -45,7 +45,8 @@ pub struct Library {
     pub trials: BTreeMap<TrialId, Arc<StoredTrial>>,
     /// Plants by id.
     pub plants: BTreeMap<PlantId, Model>,
-    /// Where searches get candidate pools and what they prepare on them: the caller may keep these from one analysis to the next.
+    /// Where searches get candidate pools and what they prepare on them: the caller may keep these from one analysis to
+    /// the next.
     pub pools: Arc<dyn PreparedPools>,
 }
 

@@ -4,7 +4,8 @@ use crate::analysis::problem::{Code, Problem};
 use crate::identify::pool::PoolError;
 use crate::identify::ssid::SsidError;
 
-/// The problem of an error; [`SsidError::Stopped`] and [`SsidError::Interrupted`] are none, and for the caller to tell apart.
+/// The problem of an error; [`SsidError::Stopped`] and [`SsidError::Interrupted`] are none, and for the caller to tell
+/// apart.
 #[must_use]
 pub fn problem(error: &SsidError) -> Problem {
     let new = |code, title: &str| Problem::new(code, title, error.to_string());

@@ -148,7 +148,8 @@ fn trial_advice(error: &TrialError) -> &'static str {
             "Print the time with more decimals, or leave the column out and give the sample time."
         }
         TrialError::Time(_) => {
-            "Resample the recording to equal steps, cut it at the defect, or, where the samples are equally spaced and only \
+            "Resample the recording to equal steps, cut it at the defect, or, where the samples are equally spaced and \
+             only \
              the column is wrong, leave the column out and give the sample time."
         }
     }

@@ -65,7 +65,8 @@ impl Serialize for TrialInput {
     }
 }
 
-/// One trial or several: all stored, without repeats, or all in the request. The models of plants are checked by whoever uses them.
+/// One trial or several: all stored, without repeats, or all in the request. The models of plants are checked by
+/// whoever uses them.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct TrialInputs {
@@ -257,7 +258,8 @@ fn parse_all(trials: &[Value], many: bool, members: &Map<String, Value>, need: P
         None | Some(Value::Null) if need == PlantNeed::Optional => None,
         None | Some(Value::Null) => {
             return Err(invalid("there is no plant", "/inputs").mend(
-                "Give the plant that the trial was recorded on: {\"num\", \"den\", \"sample_time_s\"} or {\"a\", \"b\", \
+                "Give the plant that the trial was recorded on: {\"num\", \"den\", \"sample_time_s\"} or \
+                 {\"a\", \"b\", \
                  \"c\", \"d\", \"sample_time_s\"}.",
             ));
         }

@@ -1,5 +1,6 @@
 //! The answer to the question about one half.
 
+use super::findings::Findings;
 use super::half::Half;
 use super::problems;
 use super::regulator::InverseLqrResult;
@@ -10,22 +11,10 @@ use crate::analysis::report::Warning;
 use crate::convex::lmi::LmiError;
 use crate::ctl::Ctl;
 use crate::inverse::fit::{
-    CrossTerm, Descent, DescentError, DescentSettings, Fit, Objective, descent, fit, smallest_cross_term,
+    CrossTerm, Descent, DescentError, DescentSettings, Objective, descent, fit, smallest_cross_term,
 };
-use crate::inverse::{Gains, InverseLqr, Settings, inverse_lqr};
+use crate::inverse::{Gains, Settings, inverse_lqr};
 use nalgebra::DMatrix;
-
-/// What was found about a half.
-pub(super) struct Findings {
-    /// The verdict, with the weights where they exist.
-    pub answer: InverseLqr,
-    /// The nearest optimal gain, where this one is optimal for no cost.
-    pub fitted: Option<Fit>,
-    /// The cost with the smallest cross term, beside the fit and without a structure.
-    pub cross_term: Option<CrossTerm>,
-    /// The descent, where it was asked for.
-    pub descent: Option<Descent>,
-}
 
 /// Answers with the letters of a regulator: a filter's are those of its dual.
 ///

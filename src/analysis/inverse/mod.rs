@@ -6,6 +6,7 @@
 
 pub(in crate::analysis) mod answer;
 pub mod filter;
+mod findings;
 pub(in crate::analysis) mod half;
 pub(in crate::analysis) mod members;
 pub mod parts;

@@ -1,6 +1,6 @@
 //! The result about a regulator.
 
-use super::answer::Findings;
+use super::findings::Findings;
 use super::half::Half;
 use super::parts::{
     AxisResult, ComparisonResult, EquivalentResult, FitPointResult, ProofResult, Rows, Verdict, curve, poles, proof,

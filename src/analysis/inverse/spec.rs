@@ -117,8 +117,7 @@ impl Part for InverseSpec {
             value,
             at,
             "A spec has state_weight (\"full\", \"diagonal\" or {\"pattern\": ..}), port_weight (also {\"fixed\": \
-             ..}), \
-             semidefinite and fit.",
+             ..}), semidefinite and fit.",
         )
     }
 }

@@ -37,8 +37,7 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
             "boundary",
             format!(
                 "the {half}'s margin t* is zero to working precision: only singular weights may make this gain \
-                 optimal, and a small \
-                 change of the gain may make it infeasible"
+                 optimal, and a small change of the gain may make it infeasible"
             ),
         ));
     }
@@ -47,8 +46,8 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
             "structure_leaves_nothing",
             format!(
                 "no weights of this structure satisfy the equalities for exactly the {half}'s gain, whatever their \
-                 signs: with so few unknowns the \
-                 last digit of a gain decides. Read the distance of the fit, not the verdict"
+                 signs: with so few unknowns the last digit of a gain decides. Read the distance of the fit, not the \
+                 verdict"
             ),
         ));
     }
@@ -64,8 +63,7 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
             "undetectable",
             format!(
                 "the {half}'s {misses} the mode {mode} of the plant, which does not decay by itself: among all gains \
-                 another one costs less, and this one is \
-                 the best of those that stabilise"
+                 another one costs less, and this one is the best of those that stabilise"
             ),
         ));
     }
@@ -75,8 +73,7 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
                 "not_best_conditioned",
                 format!(
                     "rounding keeps the {half}'s weights of the least condition number from returning the gain; those \
-                     of the largest \
-                     margin are given, which do"
+                     of the largest margin are given, which do"
                 ),
             ));
         }
@@ -84,9 +81,8 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
             warnings.push(Warning::new(
                 "ill_conditioned",
                 format!(
-                    "the best conditioned weights of the {half} have the condition number {:.2e}: the smallest of \
-                     them say nothing that a \
-                     measured gain could tell",
+                    "the best conditioned weights of the {half} have the condition number {:.2e}: the smallest of them \
+                     say nothing that a measured gain could tell",
                     conditioning.alpha
                 ),
             ));
@@ -128,8 +124,7 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
                 "condition_number_trade_off",
                 format!(
                     "no weights make the {half}'s gain optimal; the squared distance falls from {:.4e} to {:.4e} as \
-                     the condition number \
-                     goes from {:.0e} to {:.0e}: read the whole curve",
+                     the condition number goes from {:.0e} to {:.0e}: read the whole curve",
                     first.residual, best.residual, first.condition_number, best.condition_number
                 ),
             ));

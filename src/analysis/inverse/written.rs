@@ -36,7 +36,7 @@ impl WrittenMatrix {
 
 /// A recorded trajectory, along which the cost is shared out: rows are samples, equally spaced in time.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
+#[schemars(deny_unknown_fields, rename = "InverseTrajectory")]
 pub struct Trajectory {
     /// States, one row of n numbers per sample, each in the unit of its state.
     pub x: WrittenMatrix,

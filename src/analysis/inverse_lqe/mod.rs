@@ -29,11 +29,10 @@ pub struct Plan {
 impl Analysis for Plan {
     const KIND: Kind = Kind::named("inverse_lqe");
     const TITLE: &'static str = "Inverse optimal estimation";
-    const SUMMARY: &'static str = "Whether the gain of a state estimator is that of a Kalman filter for some noises \
-        of states and outputs, with \
-        a certificate either way; the best conditioned noises where it is, proven by solving the forward problem; and \
-        the nearest optimal \
-        gain where it is not (Priess 2015, chapter 4: the dual of inverse_lqr).";
+    const SUMMARY: &'static str = "Whether the gain of a state estimator is that of a Kalman filter for some noises of \
+        states and outputs, with a certificate either way; the best conditioned noises where it is, proven by solving \
+        the forward problem; and the nearest optimal gain where it is not (Priess 2015, section 4.3: the dual of \
+        inverse_lqr).";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");
 

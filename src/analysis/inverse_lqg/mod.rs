@@ -39,10 +39,8 @@ impl Analysis for Plan {
     const KIND: Kind = Kind::named("inverse_lqg");
     const TITLE: &'static str = "Inverse optimal control of a whole controller";
     const SUMMARY: &'static str = "Whether a controller of state feedback and estimator is linear-quadratic-Gaussian \
-        for a cost and noises: the \
-        questions of inverse_lqr about its gain K and of inverse_lqe about its gain L, one verdict on both, and the \
-        weights Q, R, W and V \
-        (Priess 2015, chapter 4).";
+        for a cost and noises: the questions of inverse_lqr about its gain K and of inverse_lqe about its gain L, one \
+        verdict on both, and the weights Q, R, W and V (Priess 2015, section 4.3).";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");
 

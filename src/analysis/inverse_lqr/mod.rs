@@ -30,11 +30,9 @@ pub struct Plan {
 impl Analysis for Plan {
     const KIND: Kind = Kind::named("inverse_lqr");
     const TITLE: &'static str = "Inverse optimal control of a regulator";
-    const SUMMARY: &'static str = "Whether a state feedback gain is optimal for a quadratic cost of states and \
-        inputs, with a certificate either \
-        way; the best conditioned weights where it is, proven by solving the forward problem; and the nearest optimal \
-        gain where it is not \
-        (Priess 2015, chapter 3).";
+    const SUMMARY: &'static str = "Whether a state feedback gain is optimal for a quadratic cost of states and inputs, \
+        with a certificate either way; the best conditioned weights where it is, proven by solving the forward \
+        problem; and the nearest optimal gain where it is not (Priess 2015, section 3.2).";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");
 

@@ -37,8 +37,8 @@ pub struct DelayRange {
 /// The pool is searched at so many pairs of delays at most.
 const MAX_SEARCHES: usize = 64;
 
-/// Pure delays in the person's feedback and feedforward. The pool is searched without them unless `search` is true; the refinement has
-/// them.
+/// Pure delays in the person's feedback and feedforward. The pool is searched without them unless `search` is true; the
+/// refinement has them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DelaySpec {
@@ -48,8 +48,8 @@ pub struct DelaySpec {
     /// In the feedforward. Default: none.
     #[serde(default = "none")]
     pub feedforward_s: DelayValueSpec,
-    /// Whether the pool is searched at every pair of the listed delays as well, each as long as a search without; ranges cannot be.
-    /// The refinement then starts from the best pair. Default: false.
+    /// Whether the pool is searched at every pair of the listed delays as well, each as long as a search without;
+    /// ranges cannot be. The refinement then starts from the best pair. Default: false.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub search: bool,
 }

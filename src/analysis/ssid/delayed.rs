@@ -40,8 +40,8 @@ pub struct DelayedPoint {
 
 /// The pool searched at every pair of delays.
 ///
-/// In continuous time its members are those of the pool without delay that are stable with the delay itself too; in sampled time those that
-/// are stable with the delay.
+/// In continuous time its members are those of the pool without delay that are stable with the delay itself too; in
+/// sampled time those that are stable with the delay.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DelayedPool {
     /// Pair by pair, the feedforward's delays innermost.
@@ -116,7 +116,8 @@ pub(super) fn warn(pool: &DelayedPool, warnings: &mut Vec<Warning>) {
         warnings.push(Warning::new(
             "delay_leaves_the_pool_unstable",
             format!(
-                "none of the near-optimal candidates is stable with the delays of feedback and feedforward {}; the best stable one there is not known",
+                "none of the near-optimal candidates is stable with the delays of feedback and feedforward {}; the \
+                 best stable one there is not known",
                 open.join(", ")
             ),
         ));

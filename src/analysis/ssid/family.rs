@@ -59,7 +59,8 @@ pub struct NearOptimal {
     pub within: f64,
     /// How many, the best one included; a controller without feedback counts with every feedback denominator.
     pub count: u64,
-    /// The best of them, the best one first; of equal costs the lowest index first. A controller without feedback is here once.
+    /// The best of them, the best one first; of equal costs the lowest index first. A controller without feedback is
+    /// here once.
     pub family: Vec<NearCandidate>,
     /// Whether the family holds every candidate within that share, and not only the best ones.
     pub family_is_complete: bool,

@@ -21,7 +21,8 @@ pub struct SsidResponses {
     pub omega_rad_s: Vec<f64>,
     /// The response at each as `[re, im]`.
     pub h: Vec<[f64; 2]>,
-    /// The variance `E|h − E h|²` at each, positive; weights by inverse variance and the uncertainty of refined controllers need it.
+    /// The variance `E|h − E h|²` at each, positive; weights by inverse variance and the uncertainty of refined
+    /// controllers need it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variance: Option<Vec<f64>>,
     /// The number of segments that each variance was estimated from, 2 or more; absent, the variances count as known.

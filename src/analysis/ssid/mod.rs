@@ -1,14 +1,9 @@
 //! Subsystem identification: kind `ssid`.
 //!
-//! ```json
-//! {"kind": "ssid", "inputs": {"trial": "ID"},
-//!  "spec": {"pool": {"name": "zhang2015_appendix_c", "thin": {"poles": 4, "zeros": 4}}, "feedforward_denominator_degree": 2}}
-//! {"kind": "ssid", "inputs": {"plant": {"num": [4], "den": [1, 2]},
-//!                             "frequency_response": {"omega_rad_s": [0.6, 1.3], "h": [[1.1, 0.1], [0.9, -0.2]]}},
-//!  "spec": {"pool": {"grid": {"feedforward_denominator": [[6.5]], "feedback_numerator": [[5.4]], "feedback_denominator": [[7.1]]}}}}
-//! ```
-//! Trials are those of [`trials`](super::inputs::trials), or frequency data come with the request. The method is that of
-//! [`identify::ssid`](crate::identify::ssid).
+//! `example.json` beside this file is a request of the kind.
+//!
+//! Trials are those of [`trials`](super::inputs::trials), or frequency data come with the request. The method is that
+//! of [`identify::ssid`](crate::identify::ssid).
 
 mod delay_spec;
 mod delayed;
@@ -76,8 +71,10 @@ struct Material {
 impl Analysis for Plan {
     const KIND: Kind = Kind::named("ssid");
     const TITLE: &'static str = "Subsystem identification";
-    const SUMMARY: &'static str = "The person's feedforward and feedback controllers from trials of command tracking, or from frequency \
-        data of the closed loop: the exact optimum over a pool of candidates whose loop is stable, with its certificate, the candidates \
+    const SUMMARY: &'static str = "The person's feedforward and feedback controllers from trials of command tracking, \
+                                   or from frequency \
+        data of the closed loop: the exact optimum over a pool of candidates whose loop is stable, with its \
+        certificate, the candidates \
         that fit nearly as well, and a refinement with bands (Zhang 2015, algorithms 2.1, 3.1 and 5.1).";
     const RESULT_VERSION: u32 = 4;
     const EXAMPLE: &'static str = include_str!("example.json");
@@ -319,7 +316,8 @@ fn not_simulated(trials: &[ResolvedTrial], reason: &str) -> Vec<TrialVaf> {
     trials.iter().map(of).collect()
 }
 
-/// Simulates a loop (feedforward, feedback) on each trial; what cannot be simulated becomes a warning where warnings are wanted.
+/// Simulates a loop (feedforward, feedback) on each trial; what cannot be simulated becomes a warning where warnings
+/// are wanted.
 fn validate(
     plant: &System,
     [feedforward, feedback]: [&System; 2],
@@ -341,7 +339,8 @@ fn validate(
                         warn(
                             "simulation_fails",
                             format!(
-                                "the identified loop, simulated from the command of {name}, explains none of the recorded output \
+                                "the identified loop, simulated from the command of {name}, explains none of the \
+                                 recorded output \
                                  (variance accounted for {:.3}), although it fits the frequency data",
                                 vaf.output
                             ),

@@ -86,7 +86,8 @@ pub struct RefinedResult {
     pub converged: bool,
     /// Why it stopped.
     pub stop: RefinementStop,
-    /// Largest cosine between the residual and a column of its derivatives, as far as no active constraint holds it: 0 at a local optimum.
+    /// Largest cosine between the residual and a column of its derivatives, as far as no active constraint holds it: 0
+    /// at a local optimum.
     pub gradient_norm: f64,
     /// What holds the optimum back: with any, a better fit would leave the stability margin.
     pub active_constraints: Vec<ActiveConstraint>,
@@ -198,7 +199,8 @@ pub(super) fn refine(
     };
     let uncertainty_reason = match (&noise, &uncertainty) {
         (None, _) => Some(
-            "the variance of the response is not known at every line: give it, use two segments or more, or lines with dark ones nearby"
+            "the variance of the response is not known at every line: give it, use two segments or more, or lines with \
+             dark ones nearby"
                 .to_owned(),
         ),
         (_, None) => Some("the derivatives at the optimum have no singular value decomposition".to_owned()),
@@ -245,7 +247,8 @@ fn warn(result: &RefinedResult, questions: &Questions<'_>, noise: Option<&Noise>
         say(
             "refinement_not_converged",
             format!(
-                "the refinement stopped ({:?}) before a local optimum: its cost {:.6e} is an upper bound, and it has no bands",
+                "the refinement stopped ({:?}) before a local optimum: its cost {:.6e} is an upper bound, and it has \
+                 no bands",
                 result.stop, result.cost
             ),
         );
@@ -254,7 +257,8 @@ fn warn(result: &RefinedResult, questions: &Questions<'_>, noise: Option<&Noise>
         say(
             "stability_margin_active",
             format!(
-                "the stability margin of {} /s holds the refined optimum ({:?}): a loop outside of it would fit better, and estimates on a \
+                "the stability margin of {} /s holds the refined optimum ({:?}): a loop outside of it would fit \
+                 better, and estimates on a \
                  constraint have no bands",
                 result.stability.margin_per_s, result.active_constraints
             ),
@@ -265,7 +269,8 @@ fn warn(result: &RefinedResult, questions: &Questions<'_>, noise: Option<&Noise>
             say(
                 "residuals_exceed_noise",
                 format!(
-                    "the residuals have {:.2} times the power that the noise explains (p = {:.1e}): the structure misses something, and the \
+                    "the residuals have {:.2} times the power that the noise explains (p = {:.1e}): the structure \
+                     misses something, and the \
                      bands, which take it as right, are too narrow",
                     tests.power_ratio, tests.power_p_value
                 ),
@@ -277,7 +282,8 @@ fn warn(result: &RefinedResult, questions: &Questions<'_>, noise: Option<&Noise>
             say(
                 "residuals_not_white",
                 format!(
-                    "residuals of neighbouring lines are correlated ({correlation:.2}, p = {p:.3}): the structure misses something"
+                    "residuals of neighbouring lines are correlated ({correlation:.2}, p = {p:.3}): the structure \
+                     misses something"
                 ),
             );
         }
@@ -286,7 +292,8 @@ fn warn(result: &RefinedResult, questions: &Questions<'_>, noise: Option<&Noise>
         say(
             "weights_from_few_segments",
             format!(
-                "the weights are inverse variances with {} degrees of freedom each: they are mostly noise, which the bands do not know; \
+                "the weights are inverse variances with {} degrees of freedom each: they are mostly noise, which the \
+                 bands do not know; \
                  use uniform weights or more segments",
                 noise.degrees_of_freedom
             ),

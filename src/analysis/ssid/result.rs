@@ -34,8 +34,8 @@ pub struct Certificate {
 /// Closed-loop stability.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Stability {
-    /// Largest real part of the continuous-time exponents of the closed-loop poles, in 1/s; null where every pole is at the
-    /// origin of z.
+    /// Largest real part of the continuous-time exponents of the closed-loop poles, in 1/s; null where every pole is at
+    /// the origin of z.
     pub largest_exponent_per_s: Option<f64>,
     /// Largest modulus of the poles; null in continuous time.
     pub spectral_radius: Option<f64>,
@@ -90,7 +90,8 @@ pub struct SsidResult {
     pub feedforward: Model,
     /// Gfb.
     pub feedback: Model,
-    /// The plant in the time base of the controllers (a continuous plant behind a zero-order hold, if they are sampled).
+    /// The plant in the time base of the controllers (a continuous plant behind a zero-order hold, if they are
+    /// sampled).
     pub plant: Model,
     /// `J = Σ weight |model − h|²` at the best candidate, by QR.
     pub cost: f64,

@@ -40,8 +40,9 @@ pub struct SsidSpec {
     /// Degree of the feedback denominator. Default: by the pool.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub feedback_denominator_degree: Option<usize>,
-    /// How frequency data are made from trials. Default: as Zhang 2015 does for the named pools (`zhang2015_chapter_3` with
-    /// appendix B, `zhang2015_chapter_5` with appendix C), the excited lines for others. Must be absent with frequency data.
+    /// How frequency data are made from trials. Default: as Zhang 2015 does for the named pools (`zhang2015_chapter_3`
+    /// with appendix B, `zhang2015_chapter_5` with appendix C), the excited lines for others. Must be absent with
+    /// frequency data.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frequency: Option<FrequencySettings>,
     /// How lines are weighted. Default: uniform.
@@ -56,8 +57,8 @@ pub struct SsidSpec {
     /// The sample time of sampled controllers on a continuous plant. Default: that of the trial.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_time_s: Option<f64>,
-    /// The band of the norms in `metrics`. Default: that of the named pools (0.1 to 0.4 Hz with appendix B, 0 to 0.5 Hz with
-    /// appendix C), from the lowest to the highest line used for others.
+    /// The band of the norms in `metrics`. Default: that of the named pools (0.1 to 0.4 Hz with appendix B, 0 to 0.5 Hz
+    /// with appendix C), from the lowest to the highest line used for others.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub band_hz: Option<[f64; 2]>,
     /// Whether the best candidate is refined, and its uncertainty computed where the noise is known. Default: true.

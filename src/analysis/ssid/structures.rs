@@ -76,7 +76,8 @@ pub struct StructureComparison {
     /// With the smallest mean squared error of trials (or segments) left out.
     #[serde(default)]
     pub repeats_choice: Option<usize>,
-    /// What `cross_validation_over_repeats` leaves out; null where there is a single segment, or frequency data in the request.
+    /// What `cross_validation_over_repeats` leaves out; null where there is a single segment, or frequency data in the
+    /// request.
     #[serde(default)]
     pub repeats: Option<RepeatKind>,
     /// Parts that are left out, one after the other.
@@ -177,7 +178,8 @@ pub(super) fn warn(comparison: &StructureComparison, own: [usize; 4], warnings: 
             warnings.push(Warning::new(
                 "another_structure_preferred",
                 format!(
-                    "{name} prefers the degrees {degrees:?} (feedforward numerator and denominator, feedback numerator and denominator) \
+                    "{name} prefers the degrees {degrees:?} (feedforward numerator and denominator, feedback numerator \
+                     and denominator) \
                      to those of the answer, {own:?}"
                 ),
             ));

@@ -67,7 +67,8 @@ fn the_canonical_request_parses_to_an_equal_plan() {
         json!("zhang2015_appendix_b"),
         json!({"name": "zhang2015_appendix_c", "thin": {"poles": 3, "feedforward_poles": 2}}),
         request()["spec"]["pool"].clone(),
-        json!({"roots": {"feedback_poles": {"real_rad_s": [-1.0, -2.0]}, "peak_gains": [0, 1.0], "band_rad_s": [0.1, 2.0]}, "time": "sampled"}),
+        json!({"roots": {"feedback_poles": {"real_rad_s": [-1.0, -2.0]}, "peak_gains": [0, 1.0], "band_rad_s": [0.1,
+            2.0]}, "time": "sampled"}),
     ] {
         let mut request = request();
         request["spec"]["pool"] = pool;
@@ -170,7 +171,8 @@ fn data_that_overflow_are_refused() {
 #[test]
 fn a_sampled_pool_on_a_continuous_plant_needs_a_sample_time() {
     let mut request = request();
-    request["spec"] = json!({"pool": {"grid": {"feedback_numerator": [[0.1, 0.2]], "feedback_denominator": [[-0.5]]}, "time": "sampled"}});
+    request["spec"] = json!({"pool": {"grid": {"feedback_numerator": [[0.1, 0.2]], "feedback_denominator": [[-0.5]]},
+        "time": "sampled"}});
     let Err(Failure::Problem(problem)) = run(&request) else { panic!("passed") };
     assert_eq!(problem.location.as_deref(), Some("/spec/sample_time_s"));
     request["spec"]["sample_time_s"] = json!(0.02);
@@ -313,7 +315,8 @@ fn a_delay_is_found_by_the_refinement() {
 fn structures_are_compared_and_the_answer_stays() {
     let mut request = noisy(1e-3);
     let (alone, _) = result(&request);
-    request["spec"]["structures"] = json!([{"feedforward_numerator_degree": 0}, {"feedforward_numerator_degree": 1}, {"feedforward_numerator_degree": 2}]);
+    request["spec"]["structures"] = json!([{"feedforward_numerator_degree": 0}, {"feedforward_numerator_degree": 1},
+        {"feedforward_numerator_degree": 2}]);
     let (with, _) = result(&request);
     assert_eq!((&alone.feedforward, &alone.feedback), (&with.feedforward, &with.feedback));
     let compared = with.structures.unwrap();
@@ -369,7 +372,8 @@ fn the_family_of_near_optimal_candidates_tells_how_flat_the_optimum_is() {
     let fine = |from: f64, to: f64| json!([{"from": from, "to": to, "step": 0.01}]);
     request["spec"]["refine"] = json!(false);
     request["spec"]["pool"] = json!({"grid": {
-        "feedforward_denominator": fine(6.2, 6.8), "feedback_numerator": fine(5.1, 5.7), "feedback_denominator": fine(6.8, 7.4)
+        "feedforward_denominator": fine(6.2, 6.8), "feedback_numerator": fine(5.1, 5.7),
+            "feedback_denominator": fine(6.8, 7.4)
     }});
     let (result, warnings) = result(&request);
     let near = &result.near_optimal;

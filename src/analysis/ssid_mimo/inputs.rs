@@ -69,14 +69,16 @@ impl MatrixResponses {
             let columns = rows.first().map_or(0, Vec::len);
             if rows.is_empty() || columns == 0 || rows.len() > MAX_CHANNELS || columns > MAX_CHANNELS {
                 let detail = format!(
-                    "the response at line {k} (counted from 0) is {}x{columns}; 1 to {MAX_CHANNELS} rows and columns are taken",
+                    "the response at line {k} (counted from 0) is {}x{columns}; 1 to {MAX_CHANNELS} rows and columns \
+                     are taken",
                     rows.len()
                 );
                 return Err(wrong_data(detail, format!("h/{k}")));
             }
             if let Some(row) = rows.iter().position(|row| row.len() != columns) {
                 let detail = format!(
-                    "the response at line {k} (counted from 0) is ragged: row {row} has {} columns, and row 0 has {columns}",
+                    "the response at line {k} (counted from 0) is ragged: row {row} has {} columns, and row 0 has \
+                     {columns}",
                     rows[row].len()
                 );
                 return Err(wrong_data(detail, format!("h/{k}/{row}")));
@@ -99,7 +101,8 @@ impl Part for SsidMimoInputs {
             match name.as_str() {
                 "plant" | "measured_outputs" | "fed_back_outputs" | "frequency_response" => {}
                 "trial" | "trials" => {
-                    let detail = "recorded trials have one command, one control and one output; identification with several \
+                    let detail = "recorded trials have one command, one control and one output; identification with \
+                                  several \
                          inputs and outputs takes frequency data in the request";
                     return Err(wrong(detail, at).mend(
                         "Give frequency_response with a matrix for each line and the plant beside it, \
@@ -109,7 +112,8 @@ impl Part for SsidMimoInputs {
                 _ => {
                     return Err(wrong(
                         format!(
-                            "there is no input {name:?} beside plant, measured_outputs, fed_back_outputs and frequency_response"
+                            "there is no input {name:?} beside plant, measured_outputs, fed_back_outputs and \
+                             frequency_response"
                         ),
                         at,
                     ));
@@ -122,7 +126,8 @@ impl Part for SsidMimoInputs {
         })?;
         if data.pointer("/h/0/0").is_some_and(Value::is_number) {
             return Err(wrong(
-                "h holds one complex number for each line; with a plant, pool or outputs in matrix form it holds a matrix for each line",
+                "h holds one complex number for each line; with a plant, pool or outputs in matrix form it holds a \
+                 matrix for each line",
                 "/inputs/frequency_response/h",
             )
             .mend("Write [[[re, im]]] for a response with one row and one column."));

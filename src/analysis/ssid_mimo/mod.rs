@@ -1,13 +1,9 @@
 //! Subsystem identification with several inputs and outputs: kind `ssid_mimo`.
 //!
-//! ```json
-//! {"kind": "ssid_mimo",
-//!  "inputs": {"plant": {"numerator": [[[1], [0]], [[0], [-1]]], "denominator": [[[1, 0.1], [0]], [[0], [1, -0.2]]], "sample_time_s": 1},
-//!             "frequency_response": {"omega_rad_s": [0.1, 0.2], "h": [[[[1.1, 0.1], [0.9, -0.2]], [[0.3, 0], [0.8, 0.1]]],
-//!                                                                   [[[1.0, 0.2], [0.9, -0.3]], [[0.2, 0], [0.7, 0.1]]]]}},
-//!  "spec": {"pool": {"matrix_grid": {"feedback_numerator": [[[[0.2, 0.3]], [[1.0]]], [[[0.2]], [[0.4, 0.5]]]]}}, "feedforward_order": 1}}
-//! ```
-//! Trials are recorded with one command and one output, so that the data come with the request. The method is that of [`identify::mimo`](crate::identify::mimo).
+//! `example.json` beside this file is a request of the kind.
+//!
+//! Trials are recorded with one command and one output, so that the data come with the request. The method is that of
+//! [`identify::mimo`](crate::identify::mimo).
 
 mod inputs;
 mod problems;
@@ -39,8 +35,10 @@ pub struct Plan {
 impl Analysis for Plan {
     const KIND: Kind = Kind::named("ssid_mimo");
     const TITLE: &'static str = "Subsystem identification with several inputs and outputs";
-    const SUMMARY: &'static str = "A person's feedforward and feedback with several controls, commands and outputs, in sampled time, from \
-        matrices of frequency data: the exact optimum over a grid of feedback matrix fractions whose loop is stable, each with the best FIR \
+    const SUMMARY: &'static str = "A person's feedforward and feedback with several controls, commands and outputs, in \
+                                   sampled time, from \
+        matrices of frequency data: the exact optimum over a grid of feedback matrix fractions whose loop is stable, \
+        each with the best FIR \
         feedforward (Zhang 2015, algorithm 4.1).";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");

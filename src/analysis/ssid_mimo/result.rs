@@ -27,7 +27,8 @@ pub struct MatrixFraction {
 /// Why the best candidate is the best one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MatrixCertificate {
-    /// True: no stable candidate has a smaller cost, and none with the same cost a lower index. Costs that are zero but for rounding are the same.
+    /// True: no stable candidate has a smaller cost, and none with the same cost a lower index. Costs that are zero but
+    /// for rounding are the same.
     pub exact: bool,
     /// How it was found: `exhaustive`.
     pub method: String,
@@ -41,7 +42,8 @@ pub struct MatrixCertificate {
     pub listed_index: u64,
     /// Candidates evaluated one by one.
     pub evaluated: u64,
-    /// Candidates that rounding could not tell from the best one of their part of the pool, and that orthogonalisation decided.
+    /// Candidates that rounding could not tell from the best one of their part of the pool, and that orthogonalisation
+    /// decided.
     pub decided_by_qr: u64,
     /// J once more, from the coefficients of the fractions as written here.
     pub cost_of_coefficients: f64,
@@ -88,7 +90,8 @@ pub struct SsidMimoResult {
     pub fed_back_outputs: Vec<usize>,
     /// `J = Σ weight ‖model − h‖_F²` at the best candidate, by orthogonalisation.
     pub cost: f64,
-    /// The part of it that no controller can explain, since the plant does not reach it; 0 with as many controls as measured outputs.
+    /// The part of it that no controller can explain, since the plant does not reach it; 0 with as many controls as
+    /// measured outputs.
     pub unreachable_cost: f64,
     /// Why it is the best one.
     pub certificate: MatrixCertificate,

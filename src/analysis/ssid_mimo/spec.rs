@@ -47,23 +47,25 @@ pub struct SsidMimoSpec {
 pub struct MatrixPoolSpec {
     /// The grids.
     pub matrix_grid: MatrixGrid,
-    /// Closed-loop poles have exponents with real parts below minus this, in 1/s: `|z| < exp(−margin·sample_time_s)`. Default 0.
+    /// Closed-loop poles have exponents with real parts below minus this, in 1/s: `|z| < exp(−margin·sample_time_s)`.
+    /// Default 0.
     #[serde(default)]
     pub stability_margin: f64,
 }
 
-/// Grids for the coefficients of a left matrix fraction `Gfb = Dfb⁻¹ Nfb`, one axis for each coefficient; entries in descending powers.
+/// Grids for the coefficients of a left matrix fraction `Gfb = Dfb⁻¹ Nfb`, one axis for each coefficient; entries in
+/// descending powers.
 ///
-/// Candidates are counted row by row, the first coefficient outermost: in a row the entries of the numerator from left to right,
-/// then those of the denominator.
+/// Candidates are counted row by row, the first coefficient outermost: in a row the entries of the numerator from left
+/// to right, then those of the denominator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MatrixGrid {
     /// Nfb, controls by fed-back outputs; each entry the axes of its coefficients. An entry without axes is 0.
     #[schemars(with = "Vec<Vec<Vec<Axis>>>")]
     pub feedback_numerator: Vec<Vec<Vec<Axis>>>,
-    /// Dfb, controls by controls. A diagonal entry holds the axes of `z^d`'s lower coefficients (d axes), the others of their row at
-    /// most as many. Default: the identity, which makes the feedback a matrix of gains.
+    /// Dfb, controls by controls. A diagonal entry holds the axes of `z^d`'s lower coefficients (d axes), the others of
+    /// their row at most as many. Default: the identity, which makes the feedback a matrix of gains.
     #[schemars(with = "Option<Vec<Vec<Vec<Axis>>>>")]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub feedback_denominator: Option<Vec<Vec<Vec<Axis>>>>,

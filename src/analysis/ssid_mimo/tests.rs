@@ -100,7 +100,8 @@ fn the_canonical_request_parses_to_an_equal_plan() {
 /// Other outputs than those fed back: the first is measured, the second compared with the command.
 #[test]
 fn measured_and_fed_back_outputs_may_differ() {
-    let plant = json!({"a": [[0.9, 0.1], [0.0, 0.8]], "b": [[0.0], [1.0]], "c": [[1, 0], [0, 1]], "d": [[0], [0]], "sample_time_s": 0.1});
+    let plant = json!({"a": [[0.9, 0.1], [0.0, 0.8]], "b": [[0.0], [1.0]], "c": [[1, 0], [0, 1]], "d": [[0], [0]],
+        "sample_time_s": 0.1});
     let model: MultivariableModel = serde_json::from_value(plant.clone()).unwrap();
     let MultivariableSystem::Discrete(system) = model.check().unwrap() else { panic!("{model:?}") };
     let omega: Vec<f64> = (1..=15).map(f64::from).collect();

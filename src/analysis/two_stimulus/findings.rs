@@ -37,12 +37,14 @@ pub(super) fn of_estimate(free: &Controllers, plant: &System, given: bool, warni
     say(
         "confounded_line",
         at(&|line| line.response.confounded),
-        "command and disturbance share the line in one proportion, and their effects cannot be told apart; the line is left out",
+        "command and disturbance share the line in one proportion, and their effects cannot be told apart; the line is \
+         left out",
     );
     say(
         "feedback_interpolated",
         at(&|line| line.feedback.is_some_and(|f| f.interpolated)),
-        "the disturbance does not excite the line; the feedback is interpolated between its neighbours, with the error that this may have \
+        "the disturbance does not excite the line; the feedback is interpolated between its neighbours, with the error \
+         that this may have \
          stated and in the bands",
     );
     say(
@@ -65,7 +67,8 @@ pub(super) fn of_estimate(free: &Controllers, plant: &System, given: bool, warni
     say(
         "noise_unknown",
         at(&|line| line.response.covariance.is_none() && !line.response.confounded),
-        "there are too few trials, segments and nearby lines without a stimulus to tell the noise, and so there are no bands",
+        "there are too few trials, segments and nearby lines without a stimulus to tell the noise, and so there are no \
+         bands",
     );
     say(
         "noisy_estimate",
@@ -86,13 +89,15 @@ pub(super) fn of_estimate(free: &Controllers, plant: &System, given: bool, warni
                 let expected = g * (1.0 + h_ud);
                 (h_yd - expected).norm() > PLANT_MISMATCH * h_yd.norm()
             }),
-            "y differs from G (u + d) by more than a tenth: either drift leaks into the line, or the plant is not the one named. The feedback \
+            "y differs from G (u + d) by more than a tenth: either drift leaks into the line, or the plant is not the \
+             one named. The feedback \
              and the feedforward of `lines` do not use the plant; the fits do",
         );
     }
     warnings.push(Warning::new(
         "assumptions",
-        "the person is taken as linear and time-invariant over all trials given, with noise that is circular, independent between trials and \
+        "the person is taken as linear and time-invariant over all trials given, with noise that is circular, \
+         independent between trials and \
          lines, and alike in trials with one stimulus and with two; bands are linearised",
     ));
 }
@@ -103,7 +108,8 @@ pub(super) fn of_best(best: &StructureFit, warnings: &mut Vec<Warning>) {
         warnings.push(Warning::new(
             "structure_misfit",
             format!(
-                "the best structure leaves a reduced chi-square of {:.2} (p = {p:.1e}): it does not describe the responses within their noise; \
+                "the best structure leaves a reduced chi-square of {:.2} (p = {p:.1e}): it does not describe the \
+                 responses within their noise; \
                  its bands are widened by the root of that",
                 best.reduced_chi_square.unwrap_or(f64::NAN)
             ),
@@ -113,7 +119,8 @@ pub(super) fn of_best(best: &StructureFit, warnings: &mut Vec<Warning>) {
         warnings.push(Warning::new(
             "estimates_disagree",
             format!(
-                "{} of {} magnitudes and phases of the best structure lie outside the joint 95 % bands of the estimate without structure",
+                "{} of {} magnitudes and phases of the best structure lie outside the joint 95 % bands of the estimate \
+                 without structure",
                 agreement.compared - agreement.within,
                 agreement.compared
             ),

@@ -1,12 +1,7 @@
 //! The two-stimulus estimate: kind `two_stimulus`.
 //!
-//! ```json
-//! {"kind": "two_stimulus", "inputs": {"trials": ["ID", "ID"], "validate_on": ["ID"]},
-//!  "spec": {"frequency": {"segments": {"length_s": 20, "start_s": 5}}}}
-//! {"kind": "two_stimulus", "inputs": {"plant": {"num": [1], "den": [1, 0]},
-//!                                     "frequency_response": {"omega_rad_s": [0.6, 1.3], "h_yr": [[1.1, 0.1], [0.9, -0.2]],
-//!                                                            "h_yd": [[0.4, 0.1], [0.3, -0.1]]}}}
-//! ```
+//! `example.json` beside this file is a request of the kind.
+//!
 //! Trials carry r, u, y and, some of them at least, a disturbance d at the plant's input. The method is that of
 //! [`two_stimulus`](crate::two_stimulus).
 
@@ -73,8 +68,10 @@ struct Material {
 impl Analysis for Plan {
     const KIND: Kind = Kind::named("two_stimulus");
     const TITLE: &'static str = "Two-stimulus estimate";
-    const SUMMARY: &'static str = "Feedforward and feedback from a command and a disturbance at the plant's input, which tell them apart \
-        without assumed degrees: line by line with intervals, and by structures such as McRuer's, with the shares of the trials that each \
+    const SUMMARY: &'static str = "Feedforward and feedback from a command and a disturbance at the plant's input, \
+                                   which tell them apart \
+        without assumed degrees: line by line with intervals, and by structures such as McRuer's, with the shares of \
+        the trials that each \
         accounts for.";
     const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
@@ -103,8 +100,8 @@ impl Analysis for Plan {
         (!self.spec.structures.is_empty()).then_some(self.spec.seed)
     }
 
-    /// Progress counts segments, then starts of each fit. Where the disturbance excites nothing the problem is `not_identifiable`, since the
-    /// command alone does not determine the feedback.
+    /// Progress counts segments, then starts of each fit. Where the disturbance excites nothing the problem is
+    /// `not_identifiable`, since the command alone does not determine the feedback.
     fn run(&self, library: &Library, ctl: &Ctl) -> Result<Outcome<TwoStimulusResult>, Failure> {
         let Material { plant, lines, stimuli, held_out_stimuli, trials, held_out, mut warnings } =
             self.material(library, ctl)?;
@@ -269,11 +266,15 @@ fn no_disturbance(lines: &[LineResponse]) -> Problem {
     Problem::new(
         Code::NotIdentifiable,
         "the feedback is not determined",
-        "the disturbance excites no line, and from the command alone feedback and feedforward cannot be told apart: every feedback \
+        "the disturbance excites no line, and from the command alone feedback and feedforward cannot be told apart: \
+         every feedback \
          has a feedforward with the same response",
     )
     .at("/inputs")
-    .mend("Add trials with a disturbance at the plant's input, or ask for ssid, which tells them apart by assumed degrees.")
+    .mend(
+        "Add trials with a disturbance at the plant's input, or ask for ssid, which tells them apart by assumed \
+           degrees.",
+    )
 }
 
 /// The shares of a trial that the fitted loop accounts for, simulated from rest.

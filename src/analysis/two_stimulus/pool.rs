@@ -24,7 +24,8 @@ pub struct PoolResult {
     pub feedback: Model,
     /// The plant in the time base of the controllers.
     pub plant: Model,
-    /// `J = Σ w_r |G̃_yr − H_yr|² + Σ w_d |G̃_yd − H_yd|²`: no candidate has a smaller one, and none with the same a lower index.
+    /// `J = Σ w_r |G̃_yr − H_yr|² + Σ w_d |G̃_yd − H_yd|²`: no candidate has a smaller one, and none with the same a
+    /// lower index.
     pub cost: f64,
     /// The part of J from the disturbance.
     pub disturbance_cost: f64,

@@ -1,4 +1,5 @@
-//! What could be predicted of the trials, and what the estimate shrunk towards the best structure predicts of trials held out.
+//! What could be predicted of the trials, and what the estimate shrunk towards the best structure predicts of trials
+//! held out.
 
 use super::result::{Shares, TrialShare};
 use crate::analysis::inputs::trials::ResolvedTrial;
@@ -29,22 +30,22 @@ impl From<Share> for MeanShare {
     }
 }
 
-/// How much of the variation of the trials a linear response to the stimuli could account for at most: the larger part of what misses from 1 is
-/// no response to them. Shares are those of the steady state at the lines, means over the trials; trials are grouped by their stimuli
-/// (command, disturbance, both).
+/// How much of the variation of the trials a linear response to the stimuli could account for at most: the larger part
+/// of what misses from 1 is no response to them. Shares are those of the steady state at the lines, means over the
+/// trials; trials are grouped by their stimuli (command, disturbance, both).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Ceiling {
     /// The share of the power that lies at the excited lines: no response can pass it, even one of each trial's own.
     pub at_lines: MeanShare,
-    /// With one response for each group of trials, known without error (unbiased estimate): what changes from trial to trial lies beyond it. Null where a
-    /// group has a single trial at a line.
+    /// With one response for each group of trials, known without error (unbiased estimate): what changes from trial to
+    /// trial lies beyond it. Null where a group has a single trial at a line.
     pub by_group: MeanShare,
     /// With one response for each group, estimated from the other trials of the group.
     pub by_group_left_out: MeanShare,
 }
 
-/// The estimate without structure of each group of trials, shrunk towards the best structure: a Gaussian process of relative deviations, its sizes those with
-/// the smallest error of trials left out of the fit.
+/// The estimate without structure of each group of trials, shrunk towards the best structure: a Gaussian process of
+/// relative deviations, its sizes those with the smallest error of trials left out of the fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RegularisedResult {
     /// Why there is none; everything else is empty then.
@@ -61,7 +62,8 @@ pub struct RegularisedResult {
     pub trial: Option<f64>,
     /// The group of each trial: `command`, `disturbance` or `both`.
     pub groups: Vec<String>,
-    /// Shares of the steady state at the lines that the other trials predict of each trial. The sizes were chosen by them, so they flatter a little.
+    /// Shares of the steady state at the lines that the other trials predict of each trial. The sizes were chosen by
+    /// them, so they flatter a little.
     pub left_out_vaf: Option<Shares>,
     /// Shares of the steady state at the lines of the trials of `validate_on`.
     pub held_out_vaf: Option<Shares>,

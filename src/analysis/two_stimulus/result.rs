@@ -214,7 +214,8 @@ pub struct TwoStimulusResult {
     pub fits: Vec<StructureFit>,
     /// The best candidate of the pool; null where the spec has none.
     pub pool: Option<PoolResult>,
-    /// How much of the trials' variation a linear response to the stimuli could account for; null with responses in the request.
+    /// How much of the trials' variation a linear response to the stimuli could account for; null with responses in the
+    /// request.
     #[serde(default)]
     pub ceiling: Option<Ceiling>,
     /// The estimate shrunk towards the best structure; null unless the spec asks for it.

@@ -23,12 +23,13 @@ const MAX_CANDIDATES: u64 = 100_000_000;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TwoStimulusSpec {
-    /// The structures that are fitted. Default: McRuer's ladder, that is error feedback with lead, lag and delay; the same with feedforward by
-    /// the plant's inverse with gain, lag and delay; the same with a neuromuscular lag. An empty list fits none.
+    /// The structures that are fitted. Default: McRuer's ladder, that is error feedback with lead, lag and delay; the
+    /// same with feedforward by the plant's inverse with gain, lag and delay; the same with a neuromuscular lag. An
+    /// empty list fits none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub structures: Option<Vec<Structure>>,
-    /// How trials are transformed. Default: the excited lines of the whole record. Must be absent with responses in the request; `average` has no
-    /// effect (trials are combined by least squares).
+    /// How trials are transformed. Default: the excited lines of the whole record. Must be absent with responses in the
+    /// request; `average` has no effect (trials are combined by least squares).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frequency: Option<FrequencySettings>,
     /// A pool that is searched for the candidate nearest to both responses, exactly. Default: none.
@@ -49,7 +50,8 @@ pub struct TwoStimulusSpec {
     /// Larger pools are refused. Default: 1e8, where there is a pool.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_candidates: Option<u64>,
-    /// Which responses are fitted. Default: those of the control for trials, those of the output for responses in the request.
+    /// Which responses are fitted. Default: those of the control for trials, those of the output for responses in the
+    /// request.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub channel: Option<Channel>,
     /// The range in which delays are sought. Default: 0.02 to 1 s.
@@ -61,8 +63,8 @@ pub struct TwoStimulusSpec {
     /// The seed of the starts. Default: 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
-    /// Whether the estimate without structure is shrunk towards the best structure and predicts the trials of `validate_on`; trials only, and few
-    /// enough that their excited lines together are at most 1000. Default: false.
+    /// Whether the estimate without structure is shrunk towards the best structure and predicts the trials of
+    /// `validate_on`; trials only, and few enough that their excited lines together are at most 1000. Default: false.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub regularise: Option<bool>,
 }

@@ -220,7 +220,8 @@ mod tests {
 
     #[test]
     fn an_array_with_plants_and_a_filter() {
-        let text = r#"[{"file": "a.csv", "subject": "S1", "trial": 1, "plant_num": [1], "plant_den": [1, 0], "study": "x"},
+        let text = r#"[{"file": "a.csv", "subject": "S1", "trial": 1, "study": "x",
+                        "plant_num": [1], "plant_den": [1, 0]},
                        {"file": "b.csv", "subject": "S1", "trial": 0, "study": "x"},
                        {"file": "c.csv", "subject": "S1", "trial": 2, "study": "y"}]"#;
         let condition = "study=x".parse().unwrap();

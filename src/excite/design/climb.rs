@@ -1,11 +1,12 @@
 //! The climb: from an input that keeps to the limits to one that tells more, step by step.
 //!
 //! # Why every step climbs
-//! The sensitivities `S(u)` are affine in u, and `M = SᵀS ⪰ S₀ᵀS + SᵀS₀ − S₀ᵀS₀ =: L(u)` with equality at u₀, where the gradients are the same.
-//! All criteria grow with M, so that their value at `L(u)`, a concave function of u, is below the criterion everywhere and touches it at u₀: a
-//! minorant. Of T it is linear, and [`step()`] maximises it over the limits; of D and A the step maximises its tangent, and a search along
-//! the step finds the best share of it. Limits on the input and on outputs are convex, and hold along the step. The autocorrelation is not,
-//! and a share of the step is taken that keeps it; where none above a small one does, the trust region is halved.
+//! The sensitivities `S(u)` are affine in u, and `M = SᵀS ⪰ S₀ᵀS + SᵀS₀ − S₀ᵀS₀ =: L(u)` with equality at u₀, where the
+//! gradients are the same. All criteria grow with M, so that their value at `L(u)`, a concave function of u, is below
+//! the criterion everywhere and touches it at u₀: a minorant. Of T it is linear, and [`step()`] maximises it over the
+//! limits; of D and A the step maximises its tangent, and a search along the step finds the best share of it. Limits on
+//! the input and on outputs are convex, and hold along the step. The autocorrelation is not, and a share of the step is
+//! taken that keeps it; where none above a small one does, the trust region is halved.
 
 use super::information::{Criterion, Information, factor};
 use super::limits::{Broken, Limits};
@@ -22,7 +23,8 @@ pub struct Settings {
     pub criterion: Criterion,
     /// δ_u: the largest change of a sample in a step, in units of the input.
     pub radius: f64,
-    /// Relative growth of a step below which the climb ends, or the trust region is halved where the limits held the step back.
+    /// Relative growth of a step below which the climb ends, or the trust region is halved where the limits held the
+    /// step back.
     pub tolerance: f64,
     /// The trust region is not halved below this share of what it begins with.
     pub least_radius: f64,
@@ -56,7 +58,8 @@ pub struct Climb {
     pub programs: usize,
     /// Steps of the interior-point method in all.
     pub iterations: usize,
-    /// A step from the input, not taken: its bound proves how much more is to be had, to first order, within the trust region.
+    /// A step from the input, not taken: its bound proves how much more is to be had, to first order, within the trust
+    /// region.
     pub last: Step,
     /// δ_u of that step, the last one that was tried with.
     pub radius: f64,

@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A measure of information, which a design makes as large as it can. With `M` the Fisher matrix and `σᵢ` the scale of a parameter:
+/// A measure of information, which a design makes as large as it can. With `M` the Fisher matrix and `σᵢ` the scale of
+/// a parameter:
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[schemars(rename = "DesignCriterion")]
 #[serde(rename_all = "snake_case")]
@@ -30,7 +31,8 @@ impl Criterion {
     }
 }
 
-/// The least eigenvalue of the Fisher matrix with unit diagonal below which a combination of parameters counts as not determined.
+/// The least eigenvalue of the Fisher matrix with unit diagonal below which a combination of parameters counts as not
+/// determined.
 pub const UNDETERMINED: f64 = 1e-12;
 
 /// Sensitivities of the measured outputs, whitened and in units of the parameters' scales.
@@ -151,7 +153,8 @@ impl Information {
         Fisher { scaled, scales: self.scales.clone() }
     }
 
-    /// The gradient of a criterion with respect to the input: `2 Σᵢ Hᵢᵀ (Σⱼ Φᵢⱼ sⱼ)` with `Φ = ∂(criterion)/∂M` and `sᵢ` the sensitivities.
+    /// The gradient of a criterion with respect to the input: `2 Σᵢ Hᵢᵀ (Σⱼ Φᵢⱼ sⱼ)` with `Φ = ∂(criterion)/∂M` and
+    /// `sᵢ` the sensitivities.
     ///
     /// `None` where the criterion needs an inverse that does not exist.
     #[must_use]
@@ -239,7 +242,8 @@ impl Fisher {
         })
     }
 
-    /// The ratio of the largest to the least eigenvalue of the matrix with unit diagonal, whatever the units; infinite for a singular one.
+    /// The ratio of the largest to the least eigenvalue of the matrix with unit diagonal, whatever the units; infinite
+    /// for a singular one.
     #[must_use]
     pub fn condition(&self) -> f64 {
         let values = self.normalised().symmetric_eigenvalues();
@@ -313,8 +317,8 @@ impl Fisher {
     }
 }
 
-/// By what factor an experiment is better than another: of T the ratio of traces, of D the root of the ratio of determinants (the mean factor
-/// for one parameter), of A the ratio of sums of variances.
+/// By what factor an experiment is better than another: of T the ratio of traces, of D the root of the ratio of
+/// determinants (the mean factor for one parameter), of A the ratio of sums of variances.
 #[must_use]
 pub fn factor(criterion: Criterion, value: f64, reference: f64, parameters: usize) -> f64 {
     match criterion {

@@ -110,7 +110,8 @@ impl Autocorrelation {
 }
 
 impl Limits {
-    /// The limit that an input breaks the most, relative to the width of its range; `None` where it keeps to all of them, exactly.
+    /// The limit that an input breaks the most, relative to the width of its range; `None` where it keeps to all of
+    /// them, exactly.
     #[must_use]
     pub fn broken(&self, u: &[f64]) -> Option<Broken> {
         let mut worst: Option<(f64, Broken)> = None;
@@ -158,8 +159,8 @@ impl Limits {
         worst.map(|(_, broken)| broken)
     }
 
-    /// The largest factor up to 1 by which an input can be scaled so that it keeps to every limit but that on the autocorrelation, which no
-    /// factor changes; `None` where not even the input zero does.
+    /// The largest factor up to 1 by which an input can be scaled so that it keeps to every limit but that on the
+    /// autocorrelation, which no factor changes; `None` where not even the input zero does.
     #[must_use]
     pub fn largest_scale(&self, u: &[f64]) -> Option<f64> {
         // Inside by more than the rounding of the sums.

@@ -1,8 +1,9 @@
 //! Inputs that tell the most about a person (Priess 2015, chapter 5).
 //!
-//! Of a linear model `y = G(θ) u` with white noise of covariance Σ the Fisher information of an experiment is
-//! `M(u) = Σ_k (∂y_k/∂θ)ᵀ Σ⁻¹ (∂y_k/∂θ)`, quadratic in the input. [`climb()`] makes a [`Criterion`] of it large under [`Limits`] on the input, on
-//! signals of the model and on the input's autocorrelation; [`refit()`] checks by simulation what that does to the parameters' variances.
+//! Of a linear model `y = G(θ) u` with white noise of covariance Σ the Fisher information of an experiment is `M(u) =
+//! Σ_k (∂y_k/∂θ)ᵀ Σ⁻¹ (∂y_k/∂θ)`, quadratic in the input. [`climb()`] makes a [`Criterion`] of it large under
+//! [`Limits`] on the input, on signals of the model and on the input's autocorrelation; [`refit()`] checks by
+//! simulation what that does to the parameters' variances.
 
 pub mod climb;
 pub mod information;

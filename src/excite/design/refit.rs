@@ -111,8 +111,9 @@ impl LeastSquares for Fit<'_> {
     }
 }
 
-/// Simulates `replicates` records of an input with independent noise and fits each by maximum likelihood,
-/// `min_θ Σ_k (ỹ_k − y_k(θ))ᵀ Σ⁻¹ (ỹ_k − y_k(θ))`. `name` and `seed` determine the noise. Progress advances by one for each record.
+/// Simulates `replicates` records of an input with independent noise and fits each by maximum likelihood, `min_θ Σ_k
+/// (ỹ_k − y_k(θ))ᵀ Σ⁻¹ (ỹ_k − y_k(θ))`. `name` and `seed` determine the noise. Progress advances by one for each
+/// record.
 ///
 /// `None` where the model is not defined at its own parameters or the noise has no inverse.
 ///

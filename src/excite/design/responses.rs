@@ -87,7 +87,8 @@ pub struct Responses {
 }
 
 impl Responses {
-    /// Over N samples, of a model that starts from its initial state, to the input in the column `channel`; the other inputs are zero.
+    /// Over N samples, of a model that starts from its initial state, to the input in the column `channel`; the other
+    /// inputs are zero.
     ///
     /// Of a model without feedthrough the record is y₁ … y_N (Priess 2015, §5.3.1), otherwise y₀ … y_{N−1}.
     ///

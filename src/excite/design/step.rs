@@ -6,14 +6,16 @@
 //! −1 ≤ d ≤ 1,   the input's limits,   lower ≤ y(û) + δ G d ≤ upper,   |û_k − û_{k−1} + δ (d_k − d_{k−1})| ≤ change,
 //! |dev_j + δ ∇_jᵀ d| ≤ max(β − γ, |dev_j|),   ∇_j = (û_{k−j} + û_{k+j} − 2 r_j û_k)_k / R(û; 0)
 //! ```
-//! where `dev_j = r_j − R*_j` is the deviation of the normalised autocorrelation `r_j`, linearised with its denominator. (The thesis holds
-//! the denominator, eq. 5.10, whose error is of first order in the growth of the input; and it tightens every lag to β − γ, which û itself
-//! may break, so that the program has no solution.) d = 0 always satisfies all of it.
+//! where `dev_j = r_j − R*_j` is the deviation of the normalised autocorrelation `r_j`, linearised with its
+//! denominator. (The thesis holds the denominator, eq. 5.10, whose error is of first order in the growth of the input;
+//! and it tightens every lag to β − γ, which û itself may break, so that the program has no solution.) d = 0 always
+//! satisfies all of it.
 //!
 //! # Rows that matter
-//! A row whose largest value over the box stays within its limits is left out, which changes nothing. Of the others only those that
-//! hold d back are needed: the program is solved with the rows that did so in the step before, the rows that its answer breaks are added, and
-//! so on until it breaks none. The multipliers of the last program prove the optimum of the whole.
+//! A row whose largest value over the box stays within its limits is left out, which changes nothing. Of the others
+//! only those that hold d back are needed: the program is solved with the rows that did so in the step before, the rows
+//! that its answer breaks are added, and so on until it breaks none. The multipliers of the last program prove the
+//! optimum of the whole.
 
 use super::limits::{Limits, lagged};
 use crate::convex::boxed::{self, BoxedError};
@@ -193,8 +195,8 @@ impl Rows<'_> {
     }
 }
 
-/// The best step from an input that keeps to the limits, along the gradient of the criterion, with the rows that held the step before back;
-/// these are replaced by those that hold this one back.
+/// The best step from an input that keeps to the limits, along the gradient of the criterion, with the rows that held
+/// the step before back; these are replaced by those that hold this one back.
 ///
 /// # Errors
 /// [`BoxedError`]; never `Empty`.

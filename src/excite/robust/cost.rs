@@ -1,4 +1,5 @@
-//! What an experiment costs with one subject: how far fits are from the truth, and how far the motion goes beyond the limits.
+//! What an experiment costs with one subject: how far fits are from the truth, and how far the motion goes beyond the
+//! limits.
 
 use crate::control::Discrete;
 use crate::control::parametric::{Differentiated, ParametricModel};
@@ -138,7 +139,8 @@ impl Setting {
     }
 }
 
-/// The target as seen: straight between samples, zero before the first, `r(t_k − τ)`, and its derivative with respect to τ.
+/// The target as seen: straight between samples, zero before the first, `r(t_k − τ)`, and its derivative with respect
+/// to τ.
 fn seen(target: &[f64], tau: f64, period_s: f64) -> (Vec<f64>, Vec<f64>) {
     let back = tau / period_s;
     let at = |k: isize| usize::try_from(k).ok().and_then(|k| target.get(k)).copied().unwrap_or(0.0);

@@ -16,7 +16,8 @@ pub struct Search<'a> {
     known: BTreeMap<[u64; 6], f64>,
 }
 
-/// What a compass search minimises: the cost of an experiment, or any number that is no less than the third argument where it is not less.
+/// What a compass search minimises: the cost of an experiment, or any number that is no less than the third argument
+/// where it is not less.
 type Objective<'f, 'a> = dyn Fn(&mut Search<'a>, [f64; 2], f64) -> Result<f64, SequenceError> + 'f;
 
 /// One iteration of the simultaneous min-max.
@@ -106,7 +107,8 @@ impl<'a> Search<'a> {
         Ok(cost)
     }
 
-    /// Minimises over Γ from a start by a compass search: the best of a step to each side of each parameter, or half the step.
+    /// Minimises over Γ from a start by a compass search: the best of a step to each side of each parameter, or half
+    /// the step.
     fn compass(&mut self, start: [f64; 2], of: &Objective<'_, 'a>) -> Result<([f64; 2], f64), SequenceError> {
         let mut at = start;
         let mut best = of(self, at, f64::INFINITY)?;
@@ -135,8 +137,9 @@ impl<'a> Search<'a> {
         Ok((at, best))
     }
 
-    /// The simultaneous min-max of Table A.1 from θ and γ: every parameter moves by its step against (γ) or along (θ) the sign of its own
-    /// difference, within its box; a step is halved, and its tolerance divided by five, when its sign turns or it moves less than the tolerance.
+    /// The simultaneous min-max of Table A.1 from θ and γ: every parameter moves by its step against (γ) or along (θ)
+    /// the sign of its own difference, within its box; a step is halved, and its tolerance divided by five, when its
+    /// sign turns or it moves less than the tolerance.
     fn min_max(&mut self, theta: [f64; 4], gamma: [f64; 2], iterations: usize) -> Result<Vec<Trace>, SequenceError> {
         let boxes: Vec<[f64; 2]> = self.gamma_box.iter().chain(&self.setting.population.controller).copied().collect();
         let mut at: Vec<f64> = gamma.iter().chain(&theta).copied().collect();
@@ -180,7 +183,8 @@ impl<'a> Search<'a> {
         Ok(trace)
     }
 
-    /// The worst subjects of an experiment: every corner of Θ, its middle, those given, and coordinate steps from the worst of these.
+    /// The worst subjects of an experiment: every corner of Θ, its middle, those given, and coordinate steps from the
+    /// worst of these.
     ///
     /// # Errors
     /// [`SequenceError`].
@@ -219,9 +223,9 @@ impl<'a> Search<'a> {
 
     /// The whole search from the average subject and a first experiment.
     ///
-    /// The answer is the best of all experiments whose worst subject was sought over Θ: that of the average subject, that of the min-max, and
-    /// those of the refinement, which minimises the largest cost of the subjects met so far and adds the worst subject of what it finds
-    /// (Blankenship and Falk 1976) for at most `rounds` rounds.
+    /// The answer is the best of all experiments whose worst subject was sought over Θ: that of the average subject,
+    /// that of the min-max, and those of the refinement, which minimises the largest cost of the subjects met so far
+    /// and adds the worst subject of what it finds (Blankenship and Falk 1976) for at most `rounds` rounds.
     ///
     /// # Errors
     /// [`SequenceError`].

@@ -18,14 +18,19 @@ use serde::{Deserialize, Serialize, Serializer};
 #[schemars(rename = "SequenceGenerator")]
 pub enum Generator {
     /// Pseudorandom ternary sequence of maximum length.
+    #[schemars(title = "PrtsGenerator")]
     Prts(ShiftRegister),
     /// Pseudorandom binary sequence of maximum length.
+    #[schemars(title = "PrbsGenerator")]
     Prbs(ShiftRegister),
     /// Sum of sinusoids.
+    #[schemars(title = "MultisineGenerator")]
     Multisine(Multisine),
     /// Swept sinusoid.
+    #[schemars(title = "ChirpGenerator")]
     Chirp(Chirp),
     /// White noise through a low-pass.
+    #[schemars(title = "FilteredNoiseGenerator")]
     FilteredNoise(FilteredNoise),
 }
 
@@ -50,7 +55,7 @@ pub enum Scale {
 pub struct SequenceSpec {
     /// What makes it.
     pub generator: Generator,
-    /// Time between samples, s.
+    /// Time between samples in seconds.
     pub sample_time_s: f64,
     /// Periods, of a periodic sequence. Default: 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -21,8 +21,8 @@ const TESTS_PER_CHECK: usize = 1 << 20;
 pub enum Normalisation {
     /// The numerators are taken as they are.
     None,
-    /// A gain is the peak of |Gfb| over a band: per denominator and numerator, the peak at gain one, computed on the fly
-    /// from the squared moduli as quadratics of the same variable.
+    /// A gain is the peak of |Gfb| over a band: per denominator and numerator, the peak at gain one, computed on the
+    /// fly from the squared moduli as quadratics of the same variable.
     Peak {
         /// `|D|²` per denominator, and whether D vanishes on the band.
         denominators: Vec<([f64; 3], bool)>,
@@ -78,9 +78,9 @@ impl Row<'_> {
 /// The feedback part of a pool, on a plant: every `gain · numerator / denominator` whose closed loop is stable.
 ///
 /// # Order
-/// The denominator is outermost; within it zero feedback comes first (once, where the gains hold zero), then the numerators,
-/// and within a numerator the gains in listed order. Controllers whose closed loop is not stable within the margin are
-/// left out and not counted.
+/// The denominator is outermost; within it zero feedback comes first (once, where the gains hold zero), then the
+/// numerators, and within a numerator the gains in listed order. Controllers whose closed loop is not stable within the
+/// margin are left out and not counted.
 #[derive(Debug, Clone)]
 pub struct FeedbackTable {
     lists: FeedbackLists,
@@ -129,8 +129,8 @@ pub struct Opened<'a> {
 }
 
 impl Opened<'_> {
-    /// Visits the stable controllers with this numerator whose factor in front of it has this sign and a modulus within these
-    /// bounds (ends included), by increasing modulus.
+    /// Visits the stable controllers with this numerator whose factor in front of it has this sign and a modulus within
+    /// these bounds (ends included), by increasing modulus.
     pub fn visit(&self, numerator: usize, negative: bool, [low, high]: [f64; 2], mut visit: impl FnMut(Feedback)) {
         let Self { table, denominator, base } = self;
         let Some(unit) = table.unit(*denominator, numerator) else { return };
@@ -152,8 +152,8 @@ impl Opened<'_> {
 }
 
 impl FeedbackTable {
-    /// Counts the stable controllers, unless their numbers are known from an earlier table of the same lists on the same plant, and makes
-    /// the table.
+    /// Counts the stable controllers, unless their numbers are known from an earlier table of the same lists on the
+    /// same plant, and makes the table.
     ///
     /// # Errors
     /// [`Stopped`] when `ctl` says so.

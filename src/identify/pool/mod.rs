@@ -1,7 +1,7 @@
 //! Candidate pools: every pair of a feedforward denominator and a feedback controller with a stable closed loop.
 //!
-//! The closed-loop denominator is `Dff (Dp Dfb + Np Nfb)` (Zhang 2015, eq. 2.5), so stability separates, and a pool is a
-//! product of a list of feedforward denominators and a table of feedback controllers.
+//! The closed-loop denominator is `Dff (Dp Dfb + Np Nfb)` (Zhang 2015, eq. 2.5), so stability separates, and a pool is
+//! a product of a list of feedforward denominators and a table of feedback controllers.
 
 pub mod factor;
 pub mod feedback;
@@ -25,8 +25,8 @@ pub use spec::{Degrees, PoolName, PoolSpec, PoolSpecError};
 /// A pool on a plant.
 ///
 /// # Order
-/// The candidate with feedback controller `b` (in the order of [`FeedbackTable`]) and feedforward denominator `f` has the index
-/// `b · M_ff + f`: feedback is outermost. Indices start at 0.
+/// The candidate with feedback controller `b` (in the order of [`FeedbackTable`]) and feedforward denominator `f` has
+/// the index `b · M_ff + f`: feedback is outermost. Indices start at 0.
 #[derive(Debug, Clone)]
 pub struct Pool {
     region: Region,

@@ -229,7 +229,8 @@ pub enum PoolError {
     },
     /// More combinations than can be tested for stability.
     #[error(
-        "{combinations} combinations of feedback denominator, numerator and gain, and at most {LARGEST_TABLE} are tested"
+        "{combinations} combinations of feedback denominator, numerator and gain, and at most {LARGEST_TABLE} are \
+         tested"
     )]
     TooLarge {
         /// How many.
@@ -243,7 +244,8 @@ pub enum PoolError {
     NoFeedforward(usize),
     /// No feedback controller makes the loop stable within the margin.
     #[error(
-        "none of the {0} combinations of feedback denominator, numerator and gain makes the loop stable within the margin"
+        "none of the {0} combinations of feedback denominator, numerator and gain makes the loop stable within the \
+         margin"
     )]
     NoFeedback(u128),
 }
@@ -318,8 +320,9 @@ impl Recipe {
         self.build_counted(plant, None, ctl)
     }
 
-    /// [`Recipe::build`] without testing every controller, where [`FeedbackTable::counts`] of an earlier pool of this recipe on this plant
-    /// are known. Counts that cannot be right are not used; those of another pool must not be given.
+    /// [`Recipe::build`] without testing every controller, where [`FeedbackTable::counts`] of an earlier pool of this
+    /// recipe on this plant are known. Counts that cannot be right are not used; those of another pool must not be
+    /// given.
     ///
     /// # Errors
     /// [`PoolError`].

@@ -8,8 +8,8 @@ const LANES: usize = 8;
 
 /// An entry of the first column counts as positive above this share of the coefficient that it was computed from.
 ///
-/// On the boundary of the region an entry is zero in exact arithmetic and some units in the last place in floating point,
-/// of either sign. The boundary does not belong to the region, so rounding must not let it in.
+/// On the boundary of the region an entry is zero in exact arithmetic and some units in the last place in floating
+/// point, of either sign. The boundary does not belong to the region, so rounding must not let it in.
 pub(super) const POSITIVE: f64 = 1e-12;
 
 /// Whether a polynomial (descending powers) has all of its roots in the open left half plane; see [`stable_gains`].
@@ -19,8 +19,8 @@ pub(super) fn stable(polynomial: &[f64]) -> bool {
     found
 }
 
-/// Calls `visit` with the position of each gain g for which `base + g·step` has all of its roots in the open left half plane, in
-/// order.
+/// Calls `visit` with the position of each gain g for which `base + g·step` has all of its roots in the open left half
+/// plane, in order.
 ///
 /// Both polynomials have descending powers and the same length; a vanishing leading coefficient (a root at infinity)
 /// counts as outside. The sign of the whole polynomial does not matter.
@@ -52,8 +52,8 @@ pub(super) fn stable_gains(base: &[f64], step: &[f64], gains: &[f64], visit: imp
     }
 }
 
-/// [`stable_gains`] of polynomials of degree four, two second-order systems in a loop: the same conditions, multiplied out so that
-/// no entry is divided by.
+/// [`stable_gains`] of polynomials of degree four, two second-order systems in a loop: the same conditions, multiplied
+/// out so that no entry is divided by.
 #[inline(always)]
 fn quartic(base: &[f64], step: &[f64], gains: &[f64], mut visit: impl FnMut(usize)) {
     for (chunk, listed) in gains.chunks(LANES).enumerate() {
@@ -154,7 +154,8 @@ mod tests {
         #![proptest_config(from_seed())]
 
         #[test]
-        fn agrees_with_the_roots(coefficients in proptest::collection::vec(-3.0..6.0_f64, 1..12), step in -2.0..2.0_f64) {
+        fn agrees_with_the_roots(coefficients in proptest::collection::vec(-3.0..6.0_f64, 1..12),
+            step in -2.0..2.0_f64) {
             let added: Vec<f64> = coefficients.iter().rev().map(|c| step * c).collect();
             let gains = [0.0, 0.25, -0.25, 0.5, -0.5, 1.0, -1.0, 3.0, 0.7];
             let mut inside = [false; 9];
@@ -170,7 +171,8 @@ mod tests {
         }
 
         #[test]
-        fn stable_polynomials_are_found(roots in proptest::collection::vec((-3.0..-0.05_f64, 0.0..4.0_f64), 1..5), scale in 0.1..10.0_f64) {
+        fn stable_polynomials_are_found(roots in proptest::collection::vec((-3.0..-0.05_f64, 0.0..4.0_f64), 1..5),
+            scale in 0.1..10.0_f64) {
             // Random coefficients of high degree are hardly ever stable, so stable ones are made.
             let mut product = Polynomial::new(vec![scale]);
             for (re, im) in roots {

@@ -1,8 +1,9 @@
 //! Which gains make a stable loop, for all numerators of a denominator at once: eight rows of the table side by side.
 //!
-//! Two second-order systems in a loop, whose closed-loop polynomial has degree four, are what the largest pools are made of. The
-//! operations of a test are those of [`routh::stable_gains`](super::routh) in the same order, none of them fused, so the answer is the
-//! same to the last candidate. What is saved: tests of gains with which a coefficient surely has another sign than the first one.
+//! Two second-order systems in a loop, whose closed-loop polynomial has degree four, are what the largest pools are
+//! made of. The operations of a test are those of [`routh::stable_gains`](super::routh) in the same order, none of them
+//! fused, so the answer is the same to the last candidate. What is saved: tests of gains with which a coefficient
+//! surely has another sign than the first one.
 
 use super::peak::Quadratic;
 use super::routh::POSITIVE;
@@ -59,7 +60,8 @@ impl Gains {
     }
 }
 
-/// Per numerator, the smallest and the largest modulus of a stable gain times a scale: of positive gains, then of negative ones.
+/// Per numerator, the smallest and the largest modulus of a stable gain times a scale: of positive gains, then of
+/// negative ones.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Extremes {
     /// Smallest of the positive gains; infinite where there is none.

@@ -25,15 +25,16 @@ pub enum PoolSpec {
 /// The published pools.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum PoolName {
-    /// Zhang 2015, appendix B: continuous time, poles and zeros up to 25 rad/s, peak gains up to 30.5 over 0.1 to 0.4 Hz,
-    /// stability margin 0.1 1/s.
+    /// Zhang 2015, appendix B: continuous time, poles and zeros up to 25 rad/s, peak gains up to 30.5 over 0.1 to 0.4
+    /// Hz, stability margin 0.1 1/s.
     ///
-    /// The margin is strict: on the plant of its chapter 3, 3,359 feedback controllers whose zero at −0.1 cancels a pole there
-    /// lie on the line and are left out; 31,062,226 remain. No other controller with a gain is so near that rounding could decide.
+    /// The margin is strict: on the plant of its chapter 3, 3,359 feedback controllers whose zero at −0.1 cancels a
+    /// pole there lie on the line and are left out; 31,062,226 remain. No other controller with a gain is so near that
+    /// rounding could decide.
     #[serde(rename = "zhang2015_appendix_b")]
     Zhang2015AppendixB,
-    /// Zhang 2015, appendix C: sampled time by zero-pole matching, FIR feedforward, poles and zeros up to 31.5 rad/s, peak
-    /// gains up to 30.5 over 0 to 0.5 Hz, stability margin 0.1 1/s.
+    /// Zhang 2015, appendix C: sampled time by zero-pole matching, FIR feedforward, poles and zeros up to 31.5 rad/s,
+    /// peak gains up to 30.5 over 0 to 0.5 Hz, stability margin 0.1 1/s.
     #[serde(rename = "zhang2015_appendix_c")]
     Zhang2015AppendixC,
 }
@@ -101,8 +102,8 @@ pub struct GridPool {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Grid {
-    /// Coefficients of the monic feedforward denominator after the leading one. Default: no denominator, which is a polynomial in
-    /// `s`, or an FIR filter in sampled time.
+    /// Coefficients of the monic feedforward denominator after the leading one. Default: no denominator, which is a
+    /// polynomial in `s`, or an FIR filter in sampled time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub feedforward_denominator: Option<Coefficients>,
     /// Coefficients of the feedback numerator, leading one included.
@@ -154,7 +155,8 @@ impl RootsPool {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Roots {
-    /// Poles of the feedforward controller. Default: none, which is a polynomial in `s`, or an FIR filter in sampled time.
+    /// Poles of the feedforward controller. Default: none, which is a polynomial in `s`, or an FIR filter in sampled
+    /// time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub feedforward_poles: Option<RootGrid>,
     /// Poles of the feedback controller.

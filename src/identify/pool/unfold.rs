@@ -172,7 +172,8 @@ fn pairs(lists: &RootLists, degree: usize, field: &str) -> Result<Ingredients, P
         return Err(wrong(
             field,
             format!(
-                "lists of poles and zeros make polynomials of degree 0, 1 or 2, not {degree}; use a grid of coefficients"
+                "lists of poles and zeros make polynomials of degree 0, 1 or 2, not {degree}; use a grid of \
+                 coefficients"
             ),
         ));
     }
@@ -207,11 +208,11 @@ fn signed(magnitudes: &[f64], both_signs: bool) -> (Vec<f64>, bool) {
 impl PoolSpec {
     /// Checks the spec with the degrees that the request gives, and fills in the others.
     ///
-    /// Defaults. Appendix B: feedforward numerator 4 and denominator 2, feedback numerator 1 and denominator 2. Appendix C:
-    /// feedforward 2 and 2 (FIR), feedback 2 and 2. Own root grids: feedforward denominator 2 where poles are
-    /// given, feedback numerator 1 where zeros are given, feedback denominator 2. Coefficient grids imply all but
-    /// the feedforward numerator. The feedforward numerator has the degree of its denominator where nothing else
-    /// is said.
+    /// Defaults. Appendix B: feedforward numerator 4 and denominator 2, feedback numerator 1 and denominator 2.
+    /// Appendix C: feedforward 2 and 2 (FIR), feedback 2 and 2. Own root grids: feedforward denominator 2 where poles
+    /// are given, feedback numerator 1 where zeros are given, feedback denominator 2. Coefficient grids imply all but
+    /// the feedforward numerator. The feedforward numerator has the degree of its denominator where nothing else is
+    /// said.
     ///
     /// # Errors
     /// [`PoolSpecError`], which names the field.
@@ -348,7 +349,8 @@ fn grid(pool: &GridPool, degrees: Degrees) -> Result<Recipe, PoolSpecError> {
             (Ingredients::Coefficients(rows), degrees.feedforward_numerator.unwrap_or(implied), implied)
         }
         None => {
-            // Whether this is an FIR filter or a polynomial in s shows when the plant is known, if the spec does not say.
+            // Whether this is an FIR filter or a polynomial in s shows when the plant is known, if the spec does not
+            // say.
             let (numerator, denominator) = without_denominator(sampled != Some(false), degrees)?;
             (Ingredients::Power(denominator), numerator, denominator)
         }
@@ -502,7 +504,8 @@ mod tests {
         for value in [
             json!("zhang2015_appendix_c"),
             json!({"name": "zhang2015_appendix_b", "thin": {"poles": 4, "zeros": 2, "damping": 1, "gains": 1}}),
-            json!({"grid": {"feedback_numerator": [[1.0, 2.0]], "feedback_denominator": {"listed": [[0.5], [0.25]]}}, "stability_margin": 0.0}),
+            json!({"grid": {"feedback_numerator": [[1.0, 2.0]], "feedback_denominator": {"listed": [[0.5], [0.25]]}},
+                "stability_margin": 0.0}),
         ] {
             let parsed = spec(value.clone());
             assert_eq!(spec(serde_json::to_value(&parsed).unwrap()), parsed);

@@ -1,7 +1,7 @@
 //! Parametric bootstrap: the refinement repeated on responses drawn around the refined model.
 //!
-//! `H* = G̃(θ̂) + ε*` with circular complex normal noise of the lines' variances (real where the response is), refined from θ̂. It does without
-//! the linearisation behind the bands, and so checks it.
+//! `H* = G̃(θ̂) + ε*` with circular complex normal noise of the lines' variances (real where the response is), refined
+//! from θ̂. It does without the linearisation behind the bands, and so checks it.
 
 use super::Refinement;
 use super::uncertainty::Noise;

@@ -1,9 +1,9 @@
 //! Refinement with a pure delay in feedback and feedforward: `Gfb e^{−sτ}`, `Gff e^{−sτff}`.
 //!
-//! Delays are scanned over a grid, each point refined from the solution of its neighbour with the delay itself in the loop and stability judged
-//! exactly ([`control::delay`](crate::control::delay)); where a delay may be anything in a range it is then refined with all
-//! other coefficients. The pool itself is searched without delay: its best candidate is where the scan starts, and the result is a local optimum.
-//! In sampled time delays are whole samples.
+//! Delays are scanned over a grid, each point refined from the solution of its neighbour with the delay itself in the
+//! loop and stability judged exactly ([`control::delay`](crate::control::delay)); where a delay may be anything in a
+//! range it is then refined with all other coefficients. The pool itself is searched without delay: its best candidate
+//! is where the scan starts, and the result is a local optimum. In sampled time delays are whole samples.
 
 use super::projection::{DelayedLoop, Parts};
 use super::variable::Variable;

@@ -5,9 +5,10 @@
 //! over      Nff, Dff (unless FIR), Nfb, Dfb (denominators monic), and delays where asked for
 //! subject   every root of Dff and of Dp Dfb + Np Nfb inside the pool's region
 //! ```
-//! The numerator of the feedforward is projected out (Golub and Pereyra 1973); the others go by Levenberg-Marquardt with the
-//! margins as smooth inequalities ([`least_squares`]). The pool's grids and gain limits do not bind the refined controllers, its
-//! region does. A local optimum is what the equations say near one candidate; only the pool's optimum is a global one, and of the pool.
+//! The numerator of the feedforward is projected out (Golub and Pereyra 1973); the others go by Levenberg-Marquardt
+//! with the margins as smooth inequalities ([`least_squares`]). The pool's grids and gain limits do not bind the
+//! refined controllers, its region does. A local optimum is what the equations say near one candidate; only the pool's
+//! optimum is a global one, and of the pool.
 
 mod bootstrap;
 mod delays;
@@ -130,11 +131,11 @@ pub struct Refined {
     pub cost_of_coefficients: f64,
     /// J of the start.
     pub start_cost: f64,
-    /// Poles of the closed loop: of the feedforward, then of the feedback loop; in continuous time a loop with delay has infinitely many, and
-    /// none of them is listed.
+    /// Poles of the closed loop: of the feedforward, then of the feedback loop; in continuous time a loop with delay
+    /// has infinitely many, and none of them is listed.
     pub closed_loop_poles: Vec<Complex64>,
-    /// Largest real part of the exponents of all poles in 1/s, those of a loop with delay included; `None` where there is no pole with a
-    /// finite one.
+    /// Largest real part of the exponents of all poles in 1/s, those of a loop with delay included; `None` where there
+    /// is no pole with a finite one.
     pub slowest_exponent: Option<f64>,
     /// The cosine that proves stationarity; see [`least_squares`].
     pub gradient_cosine: f64,
@@ -273,7 +274,8 @@ impl<'a> Refinement<'a> {
         Ok((poles, listed.into_iter().chain(slowest).reduce(f64::max)))
     }
 
-    /// The largest real part of the feedback loop's exponents at a point, its delay included; `None` where it is outside the margin.
+    /// The largest real part of the feedback loop's exponents at a point, its delay included; `None` where it is
+    /// outside the margin.
     fn loop_exponent(&self, phi: &[f64]) -> Option<f64> {
         let parts = self.projection.parts(phi);
         let beta = vec![0.0; self.setup.structure.feedforward_numerator + 1];

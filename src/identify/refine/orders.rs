@@ -1,15 +1,17 @@
 //! Which structure the data support: information criteria and cross-validation over lines.
 //!
-//! Every structure is refined as the others are, by weights of inverse variance where the variance is known (then it is maximum likelihood) and
-//! uniform ones where it is not. With circular complex Gaussian noise, N real equations and p coefficients:
+//! Every structure is refined as the others are, by weights of inverse variance where the variance is known (then it is
+//! maximum likelihood) and uniform ones where it is not. With circular complex Gaussian noise, N real equations and p
+//! coefficients:
 //!
 //! - variance known: `−2 ln L = Σ 2 |r_k|²/v_k` + constant (`Σ r²/v` where the response is real);
 //! - not known, equal at all lines: `−2 ln L = N ln (J/N)` + constant, and the variance counts as one coefficient more;
 //! - `AIC = −2 ln L + 2p`, `BIC = −2 ln L + p ln N`;
-//! - cross-validation over lines: each line left out in turn, the rest refined from the optimum, and the line's weighted squared error summed;
-//! - cross-validation over repeats: each trial (or segment) left out in turn, the response of the rest refined from the optimum, and the
-//!   weighted squared error of the response that was left out averaged. Over lines it asks whether the structure interpolates, over repeats
-//!   whether it would have predicted another trial.
+//! - cross-validation over lines: each line left out in turn, the rest refined from the optimum, and the line's
+//!   weighted squared error summed;
+//! - cross-validation over repeats: each trial (or segment) left out in turn, the response of the rest refined from the
+//!   optimum, and the weighted squared error of the response that was left out averaged. Over lines it asks whether the
+//!   structure interpolates, over repeats whether it would have predicted another trial.
 
 use super::uncertainty::Noise;
 use super::{RefineError, Refinement, Setup, Start};
@@ -36,11 +38,11 @@ pub struct Criteria {
     pub aic: f64,
     /// The Bayesian criterion.
     pub bic: f64,
-    /// Sum of the weighted squared errors of lines left out; null where a refinement without a line did not converge or has fewer
-    /// equations than coefficients.
+    /// Sum of the weighted squared errors of lines left out; null where a refinement without a line did not converge or
+    /// has fewer equations than coefficients.
     pub cross_validation: Option<f64>,
-    /// Mean over the trials (or segments) left out of `Σ weight |G̃ − H|²` at theirs; null where there are none to leave out, or where a
-    /// refinement without one failed.
+    /// Mean over the trials (or segments) left out of `Σ weight |G̃ − H|²` at theirs; null where there are none to
+    /// leave out, or where a refinement without one failed.
     #[serde(default)]
     pub cross_validation_over_repeats: Option<f64>,
     /// Whether the refinement converged with no constraint active: only then are the criteria what they are called.
@@ -48,7 +50,8 @@ pub struct Criteria {
 }
 
 impl Refinement<'_> {
-    /// The criteria of this structure; the noise must be what the weights are the inverse of, and the folds have every line.
+    /// The criteria of this structure; the noise must be what the weights are the inverse of, and the folds have every
+    /// line.
     ///
     /// # Errors
     /// [`Stopped`] when `ctl` says so.
@@ -157,7 +160,8 @@ mod tests {
         System::Continuous(TransferFunction::new(num, den, Continuous).unwrap())
     }
 
-    /// Data of a feedforward of degrees 1/1 and a feedback of 0/1: a poorer structure costs more, a richer one is charged for what it adds.
+    /// Data of a feedforward of degrees 1/1 and a feedback of 0/1: a poorer structure costs more, a richer one is
+    /// charged for what it adds.
     #[test]
     fn the_structure_that_made_the_data_is_mostly_chosen() {
         let (plant, ff, fb) = (tf(&[4.0], &[1.0, 2.0]), tf(&[1.2, 2.0], &[1.0, 3.5]), tf(&[6.4], &[1.0, 3.1]));

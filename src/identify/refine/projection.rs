@@ -1,9 +1,10 @@
 //! The residual with the feedforward numerator projected out, and its derivatives.
 //!
-//! With `L = Dfb + G Nfb e^{−jωτ}` the residual `√w (G̃ − H) = A β − b` is linear in the numerator's coefficients β in the orthonormal basis:
-//! `A_ki = √w G Dfb e^{−jωτff}/(Dff L) · B_i(x_k)` and `b = √w (H − G Nfb e^{−jωτ}/L)`. For the other unknowns φ, `β = A⁺b`, and
-//! (Golub and Pereyra 1973, in full) `∂r = P⊥ (∂A β − ∂b) − (A⁺)ᵀ ∂Aᵀ r`, with the projector `P⊥ = I − A A⁺`. All is written in polynomials, so
-//! a feedback pole on a line (an integrator at 0 Hz) does no harm.
+//! With `L = Dfb + G Nfb e^{−jωτ}` the residual `√w (G̃ − H) = A β − b` is linear in the numerator's coefficients β in
+//! the orthonormal basis: `A_ki = √w G Dfb e^{−jωτff}/(Dff L) · B_i(x_k)` and `b = √w (H − G Nfb e^{−jωτ}/L)`. For the
+//! other unknowns φ, `β = A⁺b`, and (Golub and Pereyra 1973, in full) `∂r = P⊥ (∂A β − ∂b) − (A⁺)ᵀ ∂Aᵀ r`, with the
+//! projector `P⊥ = I − A A⁺`. All is written in polynomials, so a feedback pole on a line (an integrator at 0 Hz) does
+//! no harm.
 
 use super::delays::DelayValue;
 use super::region::Margin;
@@ -120,7 +121,8 @@ pub(super) struct Parts {
     pub feedforward_delay: f64,
 }
 
-/// The test of a loop with delay, in place of the smooth inequalities: given the parts, whether every root keeps the margin.
+/// The test of a loop with delay, in place of the smooth inequalities: given the parts, whether every root keeps the
+/// margin.
 pub(super) type DelayedLoop<'a> = Arc<dyn Fn(&Parts) -> bool + Send + Sync + 'a>;
 
 /// The refinement of one problem.
@@ -246,7 +248,8 @@ impl<'a> Projection<'a> {
         }
     }
 
-    /// What a polynomial that is monic in x has as its leading coefficient in powers of s or z, turned over: `Dff = unit^n · monic(x)`.
+    /// What a polynomial that is monic in x has as its leading coefficient in powers of s or z, turned over: `Dff =
+    /// unit^n · monic(x)`.
     fn feedforward_unit(&self) -> f64 {
         self.variable.unit.powi(self.layout.feedforward_degree as i32)
     }

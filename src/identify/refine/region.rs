@@ -1,8 +1,9 @@
 //! The stability margin as smooth inequalities.
 //!
-//! A polynomial that leaves the region through its edge has a zero there: the first coefficient of the mapped polynomial vanishes (a
-//! root at the far end of the real axis, in sampled time), or the last (a real root), or the last but one entry of Routh's first
-//! column (a pair, by Orlando's formula). These are smooth in the coefficients wherever the polynomial is stable, double roots included.
+//! A polynomial that leaves the region through its edge has a zero there: the first coefficient of the mapped
+//! polynomial vanishes (a root at the far end of the real axis, in sampled time), or the last (a real root), or the
+//! last but one entry of Routh's first column (a pair, by Orlando's formula). These are smooth in the coefficients
+//! wherever the polynomial is stable, double roots included.
 
 use super::variable::Variable;
 use nalgebra::{DMatrix, DVector};

@@ -1,12 +1,13 @@
 //! Whether what the refined model leaves over looks like the noise.
 //!
-//! Linearised, the residual is `r = M ε` with `M = I − U Uᵀ`, U an orthonormal basis of what the coefficients can do, and ε the weighted noise with
-//! variances S.
+//! Linearised, the residual is `r = M ε` with `M = I − U Uᵀ`, U an orthonormal basis of what the coefficients can do,
+//! and ε the weighted noise with variances S.
 //!
-//! - **Power.** `E‖r‖² = Σ sᵢ(1 − hᵢ)` with the leverages h; `var ‖r‖² = 2 tr (M S)²`. Their ratio to chi-square (Satterthwaite) gives a
-//!   test of J against the noise, `F(h, ν)` where the variances themselves are estimates. With weights by inverse known variance it is the chi-square test.
-//! - **Whiteness.** The lag-one correlation of neighbouring lines' normalised residuals, `|Σ e_k ē_{k+1}| / Σ |e_k|²`, against its
-//!   distribution under `r = M ε`, by simulation with a fixed seed.
+//! - **Power.** `E‖r‖² = Σ sᵢ(1 − hᵢ)` with the leverages h; `var ‖r‖² = 2 tr (M S)²`. Their ratio to chi-square
+//!   (Satterthwaite) gives a test of J against the noise, `F(h, ν)` where the variances themselves are estimates. With
+//!   weights by inverse known variance it is the chi-square test.
+//! - **Whiteness.** The lag-one correlation of neighbouring lines' normalised residuals, `|Σ e_k ē_{k+1}| / Σ |e_k|²`,
+//!   against its distribution under `r = M ε`, by simulation with a fixed seed.
 
 use super::Refinement;
 use super::uncertainty::Noise;
@@ -49,7 +50,8 @@ fn correlation(normalised: &[Complex64]) -> f64 {
 }
 
 impl Refinement<'_> {
-    /// Tests of the residual against the noise; `None` where nothing is left to test (as many coefficients as equations).
+    /// Tests of the residual against the noise; `None` where nothing is left to test (as many coefficients as
+    /// equations).
     ///
     /// # Panics
     /// If there is not one variance for each line used, which is a mistake of the caller.

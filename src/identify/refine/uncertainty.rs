@@ -1,13 +1,15 @@
 //! How far the refined controllers can be trusted: covariance and pointwise bands.
 //!
-//! Near the optimum `θ̂ − θ = −(√W J)⁺ √W ε` with the Jacobian J of the modelled response by all coefficients θ, whatever the weights W are, so
-//! `cov θ̂ = P S Pᵀ` with `P = (√W J)⁺` and S the variances of the weighted noise (the sandwich; for weights by inverse variance it is the inverse of
-//! Fisher's information). Noise is circular complex Gaussian and independent between lines; where a response is real (0 Hz), so is its
-//! noise. A quantity f(θ) has the influence `a = Pᵀ∇f` and the variance `Σ aᵢ² sᵢ` (delta method). Bands of magnitude and
-//! phase come from the two parts of `∂ ln f`.
+//! Near the optimum `θ̂ − θ = −(√W J)⁺ √W ε` with the Jacobian J of the modelled response by all coefficients θ,
+//! whatever the weights W are, so `cov θ̂ = P S Pᵀ` with `P = (√W J)⁺` and S the variances of the weighted noise (the
+//! sandwich; for weights by inverse variance it is the inverse of Fisher's information). Noise is circular complex
+//! Gaussian and independent between lines; where a response is real (0 Hz), so is its noise. A quantity f(θ) has the
+//! influence `a = Pᵀ∇f` and the variance `Σ aᵢ² sᵢ` (delta method). Bands of magnitude and phase come from the two
+//! parts of `∂ ln f`.
 //!
-//! Where each line's variance was estimated from n segments, with `ν = 2(n − 1)` degrees of freedom, Student's distribution takes the place of the normal
-//! one, with Satterthwaite's degrees `V̂²/A − 2`, `A = Σ q̂_k²/(ν + 2)` of the sum `V̂ = Σ q̂_k` over lines (both moments unbiased).
+//! Where each line's variance was estimated from n segments, with `ν = 2(n − 1)` degrees of freedom, Student's
+//! distribution takes the place of the normal one, with Satterthwaite's degrees `V̂²/A − 2`, `A = Σ q̂_k²/(ν + 2)` of
+//! the sum `V̂ = Σ q̂_k` over lines (both moments unbiased).
 //!
 //! No number is given where this reasoning does not hold: see [`Unavailable`].
 
@@ -29,7 +31,8 @@ const SINGULAR: f64 = 1e-10;
 /// A quantity that moves by more than this share of its gradient in undetermined directions is not identifiable.
 const UNDETERMINED: f64 = 1e-6;
 
-/// Standard deviations between the optimum and the edge of the stability margin below which the normal approximation fails.
+/// Standard deviations between the optimum and the edge of the stability margin below which the normal approximation
+/// fails.
 const NEAR_EDGE: f64 = 2.0;
 
 /// Standard deviation of a log magnitude or phase (rad) above which the delta method fails.
@@ -45,8 +48,8 @@ pub struct Noise {
     pub variance: Vec<f64>,
     /// Real degrees of freedom behind each variance, `2(n − 1)` of n segments; infinite if it is known.
     pub degrees_of_freedom: f64,
-    /// Whether the lines' variances are independent estimates, as the scatter of segments is; if not (noise read from nearby lines that
-    /// several lines share), sums over lines keep the degrees of a single one.
+    /// Whether the lines' variances are independent estimates, as the scatter of segments is; if not (noise read from
+    /// nearby lines that several lines share), sums over lines keep the degrees of a single one.
     pub are_independent: bool,
 }
 
@@ -62,7 +65,8 @@ pub enum Unavailable {
     NearStabilityMargin,
     /// The lines do not determine it.
     NotIdentifiable,
-    /// Its standard deviation is too large for a first-order approximation: above a factor of e^0.3 in magnitude or 0.3 rad in phase.
+    /// Its standard deviation is too large for a first-order approximation: above a factor of e^0.3 in magnitude or 0.3
+    /// rad in phase.
     TooUncertain,
     /// The quantity is zero and has no logarithm.
     Zero,
@@ -117,7 +121,8 @@ pub struct Uncertainty {
     pub feedforward_plant: Vec<Band>,
     /// The closed loop from command to output.
     pub closed_loop: Vec<Band>,
-    /// Standard deviations between the optimum and the nearest edge of the stability margin; null where a constraint is active.
+    /// Standard deviations between the optimum and the nearest edge of the stability margin; null where a constraint is
+    /// active.
     pub deviations_to_margin: Option<f64>,
     /// Why all intervals are missing, where they are.
     pub unavailable: Option<Unavailable>,

@@ -1,8 +1,8 @@
 //! The variable that denominators are refined in.
 //!
-//! `x = s/ω₀` in continuous and `x = (z − 1)/(ω₀T)` in sampled time, ω₀ the geometric mean of the lines. Roots near z = 1, which
-//! differ only in the last digits of coefficients in powers of z, are as far apart in x as in continuous time, and
-//! coefficients have the size of one.
+//! `x = s/ω₀` in continuous and `x = (z − 1)/(ω₀T)` in sampled time, ω₀ the geometric mean of the lines. Roots near z =
+//! 1, which differ only in the last digits of coefficients in powers of z, are as far apart in x as in continuous time,
+//! and coefficients have the size of one.
 
 use crate::identify::problem::Line;
 use crate::identify::time::{Region, Time, multiply};

@@ -1,19 +1,19 @@
 //! Seated balance: a torso on a wobble chair, under the person's feedback (Priess 2015, chapter 5).
 //!
-//! The lower body with the seat (angle α₁ from the vertical) and the upper body (α₂) meet at the fourth lumbar vertebra, about which the
-//! person applies the torque `u_h`; a robot turns the seat with the torque `u_r = u − k_r α₁ − c_r α̇₁`. The [nonlinear] equations are
-//! (5.1) and (5.2); linearised about the upright they are
+//! The lower body with the seat (angle α₁ from the vertical) and the upper body (α₂) meet at the fourth lumbar
+//! vertebra, about which the person applies the torque `u_h`; a robot turns the seat with the torque `u_r = u − k_r α₁
+//! − c_r α̇₁`. The [nonlinear] equations are (5.1) and (5.2); linearised about the upright they are
 //!
 //! ```text
 //! M q̈ + D q̇ + S q = [1; 0] u + [−1; 1] u_h,      q = [α₁, α₂]
 //! M = [J₁ + M₁l₁² + M₂l₁₂²   M₂l₁₂l₂; M₂l₁₂l₂   J₂ + M₂l₂²],   D = [c_h + c_r   −c_h; −c_h   c_h],
 //! S = [k_h + k_r − M₁gl₁ − M₂gl₁₂   −k_h; −k_h   k_h − M₂gl₂]
 //! ```
-//! which is the plant of appendix B. The person's torque is `u_h = 1/(T_w s + 1) · Padé(e^{−τs}) · (−K z)`, `z = [α₁, α̇₁, α₂, α̇₂]`; the
-//! lag is missing in the print of the appendix. With both the loop has 10 states.
+//! which is the plant of appendix B. The person's torque is `u_h = 1/(T_w s + 1) · Padé(e^{−τs}) · (−K z)`, `z = [α₁,
+//! α̇₁, α₂, α̇₂]`; the lag is missing in the print of the appendix. With both the loop has 10 states.
 //!
-//! Chapter 3 drives the seat by its angle β instead: the torque is then `k_b (β − α₁) + c_b (β̇ − α̇₁)` with the stiffness and damping of
-//! soft tissue ([`Drive::Rotation`]), and there is neither delay nor lag.
+//! Chapter 3 drives the seat by its angle β instead: the torque is then `k_b (β − α₁) + c_b (β̇ − α̇₁)` with the
+//! stiffness and damping of soft tissue ([`Drive::Rotation`]), and there is neither delay nor lag.
 
 pub mod nonlinear;
 mod parameter;

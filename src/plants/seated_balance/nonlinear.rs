@@ -7,8 +7,8 @@ use crate::control::simulate::SimulationError;
 use crate::num::dual::{Dual, Real};
 use nalgebra::DMatrix;
 
-/// `ż` for `z = [α₁, α̇₁, α₂, α̇₂]` under the seat torque `seat` (all of it, springs included) and the person's torque `person`, N m:
-/// (5.1) and (5.2) solved for the accelerations.
+/// `ż` for `z = [α₁, α̇₁, α₂, α̇₂]` under the seat torque `seat` (all of it, springs included) and the person's torque
+/// `person`, N m: (5.1) and (5.2) solved for the accelerations.
 pub fn rate<S: Real>(values: &Values<S>, z: [S; 4], seat: S, person: S) -> [S; 4] {
     use Parameter as P;
     let v = |p| values.get(p);
@@ -44,8 +44,8 @@ pub fn energy(values: &Values<f64>, z: [f64; 4]) -> f64 {
     kinetic + weight + springs
 }
 
-/// The derivatives of [`rate`] at a point with respect to the state (4×4), the seat's torque (4) and the person's torque (4); the virtual
-/// spring and damper of the seat belong to the state's.
+/// The derivatives of [`rate`] at a point with respect to the state (4×4), the seat's torque (4) and the person's
+/// torque (4); the virtual spring and damper of the seat belong to the state's.
 #[must_use]
 pub fn linearise(values: &Values<f64>, z: [f64; 4], seat: f64, person: f64) -> (DMatrix<f64>, [f64; 4], [f64; 4]) {
     let duals = Values(values.0.map(Dual::from));
@@ -70,8 +70,8 @@ fn springs<S: Real>(values: &Values<S>, z: [S; 4]) -> S {
 }
 
 impl SeatedBalance {
-    /// The motion of the nonlinear model at θ, samples × outputs, under inputs held between samples (samples × inputs), by the classical
-    /// Runge-Kutta method of order 4 with `steps` steps a sample.
+    /// The motion of the nonlinear model at θ, samples × outputs, under inputs held between samples (samples × inputs),
+    /// by the classical Runge-Kutta method of order 4 with `steps` steps a sample.
     ///
     /// # Errors
     /// [`SimulationError::Overflow`] where the person falls beyond every number.

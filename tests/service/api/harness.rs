@@ -1,8 +1,9 @@
 //! A server of a test's own, and a client that checks what every answer must hold.
 
+use crate::contract::{Exchange, contract};
 use axum::http::StatusCode;
-use reqwest::header::{CONTENT_TYPE, HeaderMap};
-use reqwest::{Method, RequestBuilder};
+use reqwest::header::{CONTENT_ENCODING, CONTENT_TYPE, HeaderMap};
+use reqwest::{Body, Method, RequestBuilder};
 use serde_json::{Value, json};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -81,11 +82,31 @@ impl TestServer {
         self.client.request(Method::from_bytes(method.as_bytes()).unwrap(), self.url(path))
     }
 
+    /// Sends a request and holds it and its answer against the OpenAPI document.
     pub async fn send(&self, request: RequestBuilder) -> Answer {
-        let response = request.send().await.unwrap();
+        let request = request.build().unwrap();
+        let (method, path) = (request.method().to_string(), request.url().path().to_owned());
+        let is_json = request.headers().get(CONTENT_TYPE).is_some_and(|media| media == "application/json");
+        let is_packed = request.headers().contains_key(CONTENT_ENCODING);
+        let sent = request.body().and_then(Body::as_bytes).filter(|_| is_json && !is_packed).map(<[u8]>::to_vec);
+        let response = self.client.execute(request).await.unwrap();
         let (status, headers) = (response.status(), response.headers().clone());
         assert!(headers.contains_key("x-request-id"), "{status} without a request id");
-        Answer { status, headers, bytes: response.bytes().await.unwrap().to_vec() }
+        let answer = Answer { status, headers, bytes: response.bytes().await.unwrap().to_vec() };
+        let media_type = answer.headers.get(CONTENT_TYPE).map_or("", |media| media.to_str().unwrap_or_default());
+        let media_type = media_type.split(';').next().unwrap_or_default();
+        contract().assert_exchange(&Exchange {
+            method: &method,
+            path: &path,
+            request: sent.and_then(|bytes| serde_json::from_slice(&bytes).ok()).as_ref(),
+            status: status.as_u16(),
+            media_type,
+            answer: Some(&answer.bytes)
+                .filter(|_| media_type.ends_with("json"))
+                .and_then(|bytes| serde_json::from_slice(bytes).ok())
+                .as_ref(),
+        });
+        answer
     }
 
     pub async fn get(&self, path: &str) -> Answer {
@@ -128,7 +149,7 @@ impl TestServer {
         Lab { study, plant, subject }
     }
 
-    pub async fn upload_csv(&self, lab: &Lab, query: &str, csv: impl Into<reqwest::Body>) -> Answer {
+    pub async fn upload_csv(&self, lab: &Lab, query: &str, csv: impl Into<Body>) -> Answer {
         let path = format!("/v1/subjects/{}/trials?plant={}{query}", lab.subject, lab.plant);
         self.send(self.request("POST", &path).header(CONTENT_TYPE, "text/csv").body(csv)).await
     }

@@ -1,6 +1,7 @@
 //! The OpenAPI document: committed, and every operation in it works.
 
 use crate::api::harness::{TestServer, gzip, recording};
+use crate::contract::contract;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
@@ -180,4 +181,144 @@ async fn uploads_take_every_documented_media_type() {
         server.post(&path, &example).await.json(201);
     }
     server.finish().await;
+}
+
+/// The document is one of OpenAPI 3.1 by the meta-schema of its authors, without the dialect of schemas, which the next
+/// test looks at.
+#[test]
+fn the_document_keeps_to_the_meta_schema() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/openapi-3.1-schema.json");
+    let meta: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+    let validator = jsonschema::draft202012::new(&meta).unwrap();
+    let errors: Vec<String> = validator
+        .iter_errors(contract().document())
+        .take(5)
+        .map(|error| format!("{}: {:.300}", error.instance_path(), error.to_string()))
+        .collect();
+    assert!(errors.is_empty(), "{}", errors.join("\n"));
+}
+
+/// Every schema of the document, with its place.
+fn schemas() -> Vec<(String, Value)> {
+    fn below(place: &str, schema: &Value, into: &mut Vec<(String, Value)>) {
+        into.push((place.to_owned(), schema.clone()));
+        for key in ["properties", "$defs", "patternProperties"] {
+            for (name, inner) in schema.get(key).and_then(Value::as_object).into_iter().flatten() {
+                below(&format!("{place}/{key}/{name}"), inner, into);
+            }
+        }
+        for key in ["anyOf", "oneOf", "allOf", "prefixItems"] {
+            for (i, inner) in schema.get(key).and_then(Value::as_array).into_iter().flatten().enumerate() {
+                below(&format!("{place}/{key}/{i}"), inner, into);
+            }
+        }
+        for key in ["items", "additionalProperties"] {
+            if let Some(inner) = schema.get(key).filter(|inner| inner.is_object()) {
+                below(&format!("{place}/{key}"), inner, into);
+            }
+        }
+    }
+    let mut all = Vec::new();
+    for (name, schema) in contract().document()["components"]["schemas"].as_object().unwrap() {
+        below(name, schema, &mut all);
+    }
+    all
+}
+
+#[test]
+fn schemas_are_valid_and_each_hangs_on_a_route() {
+    let document = contract().document();
+    let schemas = document["components"]["schemas"].as_object().unwrap();
+    for (name, schema) in schemas {
+        assert!(jsonschema::meta::is_valid(schema), "{name} is no JSON schema");
+        let ends = name.chars().next_back().unwrap();
+        assert!(!ends.is_ascii_digit(), "{name}: another type has this name already");
+    }
+    let mut reached = BTreeSet::new();
+    let mut open = vec![document["paths"].clone()];
+    while let Some(value) = open.pop() {
+        match value {
+            Value::Object(members) => {
+                for (key, member) in members {
+                    if let (true, Some(path)) = (key == "$ref", member.as_str()) {
+                        let name = path.strip_prefix("#/components/schemas/").unwrap_or_else(|| panic!("{path}"));
+                        let schema = schemas.get(name).unwrap_or_else(|| panic!("there is no schema {name}"));
+                        if reached.insert(name.to_owned()) {
+                            open.push(schema.clone());
+                        }
+                    } else {
+                        open.push(member);
+                    }
+                }
+            }
+            Value::Array(items) => open.extend(items),
+            _ => {}
+        }
+    }
+    let stray: Vec<&String> = schemas.keys().filter(|name| !reached.contains(*name)).collect();
+    assert!(stray.is_empty(), "schemas that hang on no route: {stray:?}");
+}
+
+#[test]
+fn every_field_is_explained() {
+    let mut bare = Vec::new();
+    for (place, schema) in schemas() {
+        for (name, field) in schema.get("properties").and_then(Value::as_object).into_iter().flatten() {
+            let described =
+                |schema: &Value| schema.get("description").and_then(Value::as_str).is_some_and(|d| d.len() > 2);
+            if !described(field) {
+                bare.push(format!("{place}/{name}"));
+            }
+        }
+    }
+    assert!(bare.is_empty(), "{} fields without a sentence:\n{}", bare.len(), bare.join("\n"));
+}
+
+#[test]
+fn lists_have_lengths_objects_say_what_they_hold_and_alternatives_have_names() {
+    let mut wrong = Vec::new();
+    for (place, schema) in schemas() {
+        if schema.get("items") == Some(&json!(false)) {
+            wrong.push(format!("{place}: items: false"));
+        }
+        if let Some(items) = schema.get("prefixItems").and_then(Value::as_array) {
+            let length = json!(items.len());
+            if schema.get("minItems") != Some(&length) || schema.get("maxItems") != Some(&length) {
+                wrong.push(format!("{place}: a tuple without its length"));
+            }
+        }
+        let is_object = schema.get("type").is_some_and(|kind| kind == "object");
+        if is_object && schema.get("properties").is_none() && schema.get("additionalProperties").is_none() {
+            wrong.push(format!("{place}: an object that does not say what it holds"));
+        }
+        if schema.as_object().is_some_and(serde_json::Map::is_empty) || schema == json!(true) {
+            wrong.push(format!("{place}: anything"));
+        }
+        for key in ["anyOf", "oneOf"] {
+            let Some(choices) = schema.get(key).and_then(Value::as_array) else { continue };
+            let is_null = |choice: &Value| choice.get("type").is_some_and(|kind| kind == "null");
+            let others: Vec<&Value> = choices.iter().filter(|choice| !is_null(choice)).collect();
+            let named = |choice: &&&Value| choice.get("$ref").is_some() || choice.get("title").is_some();
+            if others.len() > 1 && !others.iter().all(|choice| named(&choice)) {
+                wrong.push(format!("{place}: alternatives without names"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{} places:\n{}", wrong.len(), wrong.join("\n"));
+}
+
+/// The examples of the kinds are requests that run, and both they and their reports are as the document says.
+#[test]
+fn the_example_of_every_kind_runs() {
+    for about in volition::analysis::registry::kinds() {
+        let written: Value = serde_json::from_str(about.example).unwrap();
+        contract().assert_component(&format!("{}Request", about.type_prefix()), &written);
+        contract().assert_component("Request", &written);
+        let plan = volition::analysis::Plan::parse(&serde_json::from_value(written).unwrap()).unwrap();
+        assert_eq!(plan.kind(), about.kind);
+        contract().assert_component("Request", &json!(plan.request()));
+        let report = plan.run(&Default::default(), &volition::ctl::Ctl::new()).unwrap();
+        contract().assert_component(&format!("{}Report", about.type_prefix()), &json!(report));
+        contract().assert_component("Report", &json!(report));
+    }
 }

@@ -36,20 +36,29 @@ impl Lanes for V {
     }
 }
 
-/// A matrix row by row.
+/// A square matrix row by row.
 struct Rows<'a> {
     width: usize,
     entries: &'a mut [V],
 }
 
+impl Rows<'_> {
+    /// Checked by the length of what it points into: a check of each product would stand in the innermost loop.
+    #[inline(always)]
+    fn place(&self, row: usize, column: usize) -> usize {
+        row.wrapping_mul(self.width).wrapping_add(column)
+    }
+}
+
 impl Square<V> for Rows<'_> {
     #[inline(always)]
     fn at(&self, row: usize, column: usize) -> V {
-        self.entries[row * self.width + column]
+        self.entries[self.place(row, column)]
     }
     #[inline(always)]
     fn put(&mut self, row: usize, column: usize, value: V) {
-        self.entries[row * self.width + column] = value;
+        let place = self.place(row, column);
+        self.entries[place] = value;
     }
 }
 

@@ -51,7 +51,8 @@ impl World {
             .collect()
     }
 
-    /// The mean of `segments` noisy responses, whose variance is `deviation²` together, with the variance that they show.
+    /// The mean of `segments` noisy responses, whose variance is `deviation²` together, with the variance that they
+    /// show.
     fn draw(&self, seed: u64, segments: usize) -> (Vec<Complex64>, Vec<f64>) {
         let mut random = rng::stream(seed, "coverage");
         let mut normal = || -> f64 { StandardNormal.sample(&mut random) };

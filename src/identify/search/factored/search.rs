@@ -5,10 +5,9 @@ use super::kernel::LARGEST_HALF;
 use super::trees::FactorTrees;
 use super::walk::{Walk, WorkerState};
 use crate::ctl::{Ctl, Stopped};
-use crate::identify::pool::{Pool, Position};
+use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
-use crate::identify::search::screen::decide::{BracketReporter, Found, Harvest, decide, may_reach};
-use crate::identify::search::screen::exact;
+use crate::identify::search::screen::decide::{BracketReporter, Harvest, decide};
 use crate::identify::search::screen::optimum::{NEAR, Optimum, Search};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -26,19 +25,11 @@ pub struct FactoredSearch<'a> {
     pub trees: &'a FactorTrees,
 }
 
-/// What a walk through the whole pool leaves.
-struct Walked {
-    found: Vec<Found>,
-    best: f64,
-    evaluated: u64,
-    bounded: u64,
-}
-
 impl FactoredSearch<'_> {
-    /// Every candidate that may cost at most `1 + near` times as much as the best one, as far as the fast evaluation
+    /// Every candidate that may cost at most `1 + NEAR` times as much as the best one, as far as the fast evaluation
     /// can tell.
-    fn walk(&self, problem: &Problem, pool: &Pool, near: f64, ctl: &Ctl) -> Result<Walked, Stopped> {
-        let walk = Walk::new(problem, pool, self.trees, near, ctl);
+    fn walk(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Harvest, Stopped> {
+        let walk = Walk::new(problem, pool, self.trees, NEAR, ctl);
         let mut state = walk.worker_state();
         ctl.set_total(pool.size());
         walk.without_feedback(&mut state)?;
@@ -83,46 +74,14 @@ impl FactoredSearch<'_> {
             bounded += state.counts.bounded;
         }
         ctl.advance(pool.size());
-        Ok(Walked { found, best: walk.best(), evaluated, bounded })
-    }
-
-    /// The candidates that cost at most `1 + near` times as much as the best one, with their costs by [`exact::fit`],
-    /// cheapest first: how flat is the optimum? Zero feedback is listed once, whatever the number of its denominators.
-    ///
-    /// # Errors
-    /// [`Stopped`] when `ctl` says so.
-    pub fn family(
-        &self,
-        problem: &Problem,
-        pool: &Pool,
-        near: f64,
-        ctl: &Ctl,
-    ) -> Result<Vec<(Position, f64)>, Stopped> {
-        let Walked { found, best, .. } = self.walk(problem, pool, near, ctl)?;
-        let limit = (1.0 + near) * best;
-        let mut family = found
-            .par_iter()
-            .filter(|found| may_reach(found.bound, limit))
-            .map(|found| {
-                ctl.check()?;
-                let position = Position { feedforward: found.feedforward as usize, feedback: found.feedback };
-                Ok((position, exact::cost(problem, &pool.candidate(position))))
-            })
-            .collect::<Result<Vec<_>, Stopped>>()?;
-        let least = family.iter().map(|(_, cost)| *cost).fold(f64::INFINITY, f64::min);
-        family.retain(|(_, cost)| *cost <= (1.0 + near) * least);
-        let key =
-            |p: &Position| (p.feedback.denominator, p.feedback.numerator, p.feedback.gain_position, p.feedforward);
-        family.sort_by(|a, b| a.1.total_cmp(&b.1).then_with(|| key(&a.0).cmp(&key(&b.0))));
-        Ok(family)
+        let without_feedback = self.trees.without_feedback.map_or(1, |(count, _)| count);
+        Ok(Harvest { found, best: walk.best(), evaluated, bounded, without_feedback })
     }
 }
 
 impl Search for FactoredSearch<'_> {
     fn search(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Optimum, Stopped> {
-        let Walked { found, best, evaluated, bounded } = self.walk(problem, pool, NEAR, ctl)?;
-        let without_feedback = self.trees.without_feedback.map_or(1, |(count, _)| count);
-        decide(problem, pool, Harvest { found, best, evaluated, bounded, without_feedback }, ctl)
+        decide(problem, pool, self.walk(problem, pool, ctl)?, ctl)
     }
 }
 
@@ -130,11 +89,13 @@ impl Search for FactoredSearch<'_> {
 mod tests {
     use super::*;
     use crate::control::{Continuous, System, TransferFunction};
-    use crate::identify::pool::{Degrees, PoolSpec};
+    use crate::identify::pool::{Degrees, PoolSpec, Position};
     use crate::identify::problem::Lines as Measured;
     use crate::identify::search::factored::feedback_lanes::{FeedbackCluster, FeedbackLanes};
     use crate::identify::search::factored::kernel;
     use crate::identify::search::factored::lines::{Denominators, Lines};
+    use crate::identify::search::screen::decide::may_reach;
+    use crate::identify::search::screen::exact;
     use crate::num::{Complex64, rng};
     use rand::RngExt;
 

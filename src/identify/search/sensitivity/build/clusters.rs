@@ -41,8 +41,7 @@ pub struct Clusters {
 }
 
 /// Whether the controllers of this pool can be listed.
-#[must_use]
-pub fn can_list(pool: &Pool) -> bool {
+fn can_list(pool: &Pool) -> bool {
     let table = pool.feedback();
     let rows = table.denominators().len() as u64 * table.numerators().len() as u64;
     table.len() <= LARGEST_LIST
@@ -64,7 +63,7 @@ pub(crate) fn at_lines(problem: &Problem, pool: &Pool) -> [Rows; 2] {
 
 impl Clusters {
     /// Lists and clusters the controllers. The measured responses of the problem are not used. `None` where
-    /// [`can_list`] says no.
+    /// `can_list` says no.
     ///
     /// # Errors
     /// [`Stopped`] when `ctl` says so.

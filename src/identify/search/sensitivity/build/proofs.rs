@@ -3,7 +3,7 @@
 use super::cluster::Cluster;
 use super::deviations::{Directions, Measure, PER_CHUNK, Scratch, Split, along, crude_logarithms, fill};
 use super::extent::{Extent, Widest};
-use super::line_lanes::{LINE_LANES, LineLanes, Pair, Rows, blocks, pairs};
+use super::line_lanes::{LineLanes, Pair, Rows, pairs};
 use super::members::{GAIN_BITS, Row, Table};
 use super::sample::{Sample, Splitter};
 use super::size::{ALL, DIRECTIONS};
