@@ -29,11 +29,15 @@ use utoipa::IntoParams;
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "Analysis")]
 pub(crate) struct AnalysisView {
+    /// Its id.
     id: AnalysisId,
+    /// What is computed.
     kind: Kind,
+    /// Where it stands.
     status: Status,
     /// How often a worker took it.
     attempts: u32,
+    /// How far it is.
     progress: ProgressView,
     /// Whether somebody asked for it to be cancelled.
     cancel_requested: bool,
@@ -49,6 +53,7 @@ pub(crate) struct AnalysisView {
     spec_sha256: String,
     /// Counts changes, from 1.
     version: i64,
+    /// When it was made, UTC.
     #[serde(with = "time::serde::rfc3339")]
     #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
@@ -56,12 +61,15 @@ pub(crate) struct AnalysisView {
     #[serde(with = "time::serde::rfc3339::option")]
     #[schemars(with = "Option<Timestamp>")]
     started_at: Option<OffsetDateTime>,
+    /// When it came to its end, UTC; null before.
     #[serde(with = "time::serde::rfc3339::option")]
     #[schemars(with = "Option<Timestamp>")]
     finished_at: Option<OffsetDateTime>,
+    /// When it last changed, UTC.
     #[serde(with = "time::serde::rfc3339")]
     #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,
+    /// Where to go on from here.
     links: AnalysisLinks,
 }
 

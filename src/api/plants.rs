@@ -26,15 +26,21 @@ use utoipa::IntoParams;
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "Plant")]
 pub(crate) struct PlantView {
+    /// Its id.
     id: PlantId,
+    /// The study that it belongs to.
     study: StudyId,
+    /// Its name.
     name: String,
+    /// Its model, from control to output.
     model: Model,
     /// Counts changes, from 1.
     version: i64,
+    /// When it was made, UTC.
     #[serde(with = "time::serde::rfc3339")]
     #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
+    /// When it last changed, UTC.
     #[serde(with = "time::serde::rfc3339")]
     #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,

@@ -33,6 +33,7 @@ pub(crate) struct SignalsDocument {
     /// Time between samples, in seconds.
     sample_time_s: f64,
     /// Time in seconds, where it was recorded.
+    #[serde(skip_serializing_if = "Option::is_none")]
     t: Option<Vec<f64>>,
     /// Command.
     r: Vec<f64>,
@@ -41,6 +42,7 @@ pub(crate) struct SignalsDocument {
     /// Output.
     y: Vec<f64>,
     /// Disturbance at the plant's input, where it was recorded.
+    #[serde(skip_serializing_if = "Option::is_none")]
     d: Option<Vec<f64>>,
 }
 

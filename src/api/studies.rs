@@ -22,16 +22,21 @@ use utoipa::IntoParams;
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "Study")]
 pub(crate) struct StudyView {
+    /// Its id.
     id: StudyId,
+    /// Its name.
     name: String,
+    /// What it is about.
     description: String,
     /// A trial whose |y| passes this is divergent; null where there is no limit.
     display_limit: Option<f64>,
     /// Counts changes, from 1.
     version: i64,
+    /// When it was made, UTC.
     #[serde(with = "time::serde::rfc3339")]
     #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
+    /// When it last changed, UTC.
     #[serde(with = "time::serde::rfc3339")]
     #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,

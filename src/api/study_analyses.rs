@@ -205,10 +205,15 @@ pub(crate) struct StudyProgress {
 /// How many analyses there are in each status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, JsonSchema)]
 pub(crate) struct StatusCounts {
+    /// Those that wait.
     queued: u64,
+    /// Those that a worker computes.
     running: u64,
+    /// Those that have a report.
     succeeded: u64,
+    /// Those that have a problem instead.
     failed: u64,
+    /// Those that somebody cancelled.
     cancelled: u64,
 }
 

@@ -25,7 +25,9 @@ use utoipa::IntoParams;
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "Subject")]
 pub(crate) struct SubjectView {
+    /// Its id.
     id: SubjectId,
+    /// The study that it belongs to.
     study: StudyId,
     /// Pseudonym, unique within the study.
     code: String,
@@ -36,9 +38,11 @@ pub(crate) struct SubjectView {
     attributes: Value,
     /// Counts changes, from 1.
     version: i64,
+    /// When it was made, UTC.
     #[serde(with = "time::serde::rfc3339")]
     #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
+    /// When it last changed, UTC.
     #[serde(with = "time::serde::rfc3339")]
     #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,

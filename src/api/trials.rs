@@ -27,7 +27,9 @@ pub(crate) const MAX_NUMBER: i64 = 1_000_000_000;
 pub(crate) struct TrialView {
     /// Its id.
     pub(crate) id: TrialId,
+    /// The study that it belongs to.
     study: StudyId,
+    /// The subject whose trial it is.
     subject: SubjectId,
     /// The plant that it was recorded on.
     plant: PlantId,
@@ -43,12 +45,15 @@ pub(crate) struct TrialView {
     has_disturbance: bool,
     /// SHA-256 of the recording: sample time and columns.
     sha256: String,
+    /// What was measured in the time domain.
     metrics: TrialMetrics,
     /// Counts changes, from 1.
     version: i64,
+    /// When it was made, UTC.
     #[serde(with = "time::serde::rfc3339")]
     #[schemars(with = "Timestamp")]
     created_at: OffsetDateTime,
+    /// When it last changed, UTC.
     #[serde(with = "time::serde::rfc3339")]
     #[schemars(with = "Timestamp")]
     updated_at: OffsetDateTime,

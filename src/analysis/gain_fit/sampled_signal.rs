@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 /// recorded.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[serde(untagged)]
+#[schemars(rename = "GainFitSignal")]
 pub enum SampledSignal {
     /// One number per sample.
     #[schemars(title = "OneChannel")]

@@ -154,6 +154,7 @@ pub(crate) struct UploadedTrial {
 /// The trials of a form, in the order of its files.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub(crate) struct UploadedTrials {
+    /// They, in the order of the files.
     items: Vec<UploadedTrial>,
 }
 

@@ -78,7 +78,7 @@ async fn several_inputs_and_outputs_come_with_the_request() {
         })
         .collect();
     let gains = json!([{"from": 0.0, "to": 0.4, "step": 0.1}]);
-    let request = json!({"kind": "ssid",
+    let request = json!({"kind": "ssid_mimo",
         "inputs": {
             "plant": {"a": [[0.5, 0], [0, -0.4]], "b": [[1, 0], [0, 1]], "c": [[1, 0], [0, 1]], "d": [[0, 0], [0, 0]],
                       "sample_time_s": 1},
@@ -90,7 +90,7 @@ async fn several_inputs_and_outputs_come_with_the_request() {
     let analysis = queued.json(202);
     assert_eq!(
         (&analysis["kind"], &analysis["request"]["inputs"]["measured_outputs"]),
-        (&json!("ssid"), &json!([0, 1]))
+        (&json!("ssid_mimo"), &json!([0, 1]))
     );
     server.work().await;
     let report = server.get(&format!("{path}/report")).await.json(200);

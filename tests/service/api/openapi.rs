@@ -71,6 +71,7 @@ async fn every_operation_succeeds_over_http() {
         call("GET", "/readyz", None, 200),
         call("GET", "/metrics", None, 200),
         call("GET", "/openapi.json", None, 200),
+        call("GET", "/v1/kinds", None, 200),
         call("POST", "/v1/studies", Some(json!({"name": "another"})), 201),
         call("GET", "/v1/studies", None, 200),
         call("GET", "/v1/studies/{study}", None, 200),
@@ -165,7 +166,7 @@ async fn uploads_take_every_documented_media_type() {
     let csv = body["text/csv"]["example"].as_str().unwrap().to_owned();
     server.send(server.request("POST", &path).header("content-type", "text/csv").body(csv)).await.json(201);
     let schema = &document["components"]["schemas"]["NewTrial"];
-    server.post(&path, &schema["example"]).await.json(201);
+    server.post(&path, &schema["examples"][0]).await.json(201);
     let packed = reqwest::multipart::Part::bytes(gzip(recording(8, 1.0).as_bytes())).file_name("a.csv.gz");
     let form = reqwest::multipart::Form::new().part("files", packed);
     server.send(server.request("POST", &path).multipart(form)).await.json(201);
@@ -174,7 +175,7 @@ async fn uploads_take_every_documented_media_type() {
         (format!("/v1/studies/{}/plants", lab.study), "NewPlant"),
         (format!("/v1/studies/{}/subjects", lab.study), "NewSubject"),
     ] {
-        let mut example = document["components"]["schemas"][schema]["example"].clone();
+        let mut example = document["components"]["schemas"][schema]["examples"][0].clone();
         if schema == "NewPlant" {
             example["name"] = json!("example");
         }
