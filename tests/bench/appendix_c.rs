@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 use volition::analysis::{Library, Plan, Request};
 use volition::control::{Model, System, TransferFunction};
@@ -20,6 +21,7 @@ use volition::identify::ssid::plant_for;
 use volition::learning::frequency_domain::controller_metrics;
 use volition::simulate::SimulatedStudy;
 use volition::trial::{csv, write};
+use volition::worker::PoolMemo;
 
 /// A trial as a request carries it.
 struct Case {
