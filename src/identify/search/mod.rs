@@ -11,17 +11,17 @@
 //! keeps them.
 
 mod automatic;
-pub mod factored;
+mod factored;
 mod keys;
-pub mod prepared;
-pub mod screen;
-pub mod sensitivity;
+pub(crate) mod prepared;
+mod screen;
+mod sensitivity;
 pub(crate) mod simd;
 
 pub use automatic::Automatic;
 pub use factored::search::FactoredSearch;
 pub use factored::trees::FactorTrees;
-pub use prepared::{KeepNothing, PreparedPools};
+pub use prepared::{KeepNothing, Prepared, PreparedPools};
 pub use screen::exact;
 pub use screen::exhaustive::Exhaustive;
 pub use screen::optimum::{MOST_NEAR, Method, NEAR, Optimum, Search};
