@@ -14,7 +14,8 @@ const FILES: &[(&str, &str)] = &[
         "high.rs",
         "use crate::low::{self, Renamed};\nuse std::fmt::{self, Debug};\nfn f(x: &dyn Debug) -> fmt::Result {\n    \
          low::work();\n    println!(\"{:?}\", low::leaf::leaf());\n    told!();\n    Ok(())\n}\n\
-         macro_rules! all {\n    ($($name:ident),*) => { $(crate::$name::made();)* };\n}\nfn g() {\n    all!(kinds, none);\n}",
+         macro_rules! all {\n    ($($name:ident),*) => { $(crate::$name::made();)* };\n}\n\
+         fn g() {\n    all!(kinds, none);\n}",
     ),
     ("kinds.rs", "pub fn made() {}"),
     ("macros.rs", "#[macro_export]\nmacro_rules! told {\n    () => {};\n}"),

@@ -183,7 +183,8 @@ async fn uploads_take_every_documented_media_type() {
     server.finish().await;
 }
 
-/// The document is one of OpenAPI 3.1 by the meta-schema of its authors, without the dialect of schemas, which the next test looks at.
+/// The document is one of OpenAPI 3.1 by the meta-schema of its authors, without the dialect of schemas, which the next
+/// test looks at.
 #[test]
 fn the_document_keeps_to_the_meta_schema() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/openapi-3.1-schema.json");
