@@ -47,7 +47,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ),
     ("jobs", &["analysis", "ctl"]),
     ("store", &["analysis", "control", "ctl", "jobs", "num", "trial"]),
-    ("worker", &["analysis", "cache", "ctl", "identify", "jobs", "num", "store"]),
+    ("worker", &["analysis", "cache", "control", "ctl", "identify", "jobs", "num", "store"]),
     ("api", &["analysis", "cache", "control", "ctl", "excite", "jobs", "learning", "num", "store", "trial"]),
     ("app", &["*"]),
     ("cli", &["*"]),
