@@ -6,9 +6,9 @@
 //! subject   every root of Dff and of Dp Dfb + Np Nfb inside the pool's region
 //! ```
 //! The numerator of the feedforward is projected out (Golub and Pereyra 1973); the others go by Levenberg-Marquardt
-//! with the margins as smooth inequalities ([`least_squares`](crate::num::least_squares)). The pool's grids and gain limits do not bind the
-//! refined controllers, its region does. A local optimum is what the equations say near one candidate; only the pool's
-//! optimum is a global one, and of the pool.
+//! with the margins as smooth inequalities ([`least_squares`](crate::num::least_squares)). The pool's grids and gain
+//! limits do not bind the refined controllers, its region does. A local optimum is what the equations say near one
+//! candidate; only the pool's optimum is a global one, and of the pool.
 
 mod bootstrap;
 mod delayed_loop;
