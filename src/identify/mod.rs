@@ -2,6 +2,7 @@
 //! (Zhang 2015, algorithms 2.1, 3.1 and 5.1).
 
 pub mod basis;
+pub mod both_stimuli;
 pub mod delayed;
 pub mod family;
 pub mod identifiability;

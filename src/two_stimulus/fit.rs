@@ -8,26 +8,19 @@
 //! plant's drift leaks into y, so trials are fitted in u. Every step of the search keeps the delayed loop stable
 //! ([`super::stability`]).
 
-use super::responses::{LineResponse, UD, UR, YD, YR};
-use super::structure::{FeedbackLaw, FeedforwardLaw, Parameter, Person, RationalLaw};
+mod cost;
+mod start;
+
+use super::responses::LineResponse;
+use super::structure::{FeedforwardLaw, Person};
 use crate::ctl::{Ctl, Stopped};
 use crate::num::distributions::{chi_square_cdf, student_t};
-use crate::num::least_squares::{LeastSquares, LeastSquaresError, Options, minimise};
-use crate::num::rng;
-use nalgebra::{DMatrix, DVector};
+use crate::num::least_squares::{LeastSquares, LeastSquaresError, Minimum, Options, minimise};
+pub use cost::Channel;
+use cost::{Cost, STEP, inside, outside, targets};
+use nalgebra::DMatrix;
 use num_complex::Complex64;
-use rand::RngExt;
-use rand_distr::StandardNormal;
-
-/// Which responses are fitted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Channel {
-    /// H_ur and H_ud.
-    Control,
-    /// H_yr and H_yd.
-    Output,
-}
+use start::first_guess;
 
 /// How the search is run.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -130,169 +123,8 @@ const SAME_COST: f64 = 1e-4;
 /// A unit column that keeps less than this beside the others is dependent on them.
 const DEPENDENT: f64 = 1e-7;
 
-/// Lines that the noise of a line is smoothed over.
-pub const NEIGHBOURS: usize = 7;
-
 /// A parameter this near to the edge of its range, in internal units, lies on it.
 const AT_EDGE: f64 = 1e-6;
-
-/// A misfit `e` at a line: the values, and the inverse of the Cholesky factor of their covariance.
-struct Target {
-    omega: f64,
-    /// Positions in `[H_ur, H_yr, H_ud, H_yd]`, with the data.
-    wanted: Vec<(usize, Complex64)>,
-    /// Rows of the whitening, lower triangular.
-    whitening: Vec<Vec<Complex64>>,
-}
-
-struct Cost<'a> {
-    person: &'a Person,
-    targets: &'a [Target],
-    equations: usize,
-}
-
-fn outside(parameter: &Parameter, x: f64) -> f64 {
-    if parameter.logarithmic { x.exp() } else { x }
-}
-
-fn inside(parameter: &Parameter, value: f64) -> f64 {
-    if parameter.logarithmic { value.ln() } else { value }
-}
-
-impl Cost<'_> {
-    fn values(&self, x: &[f64]) -> Vec<f64> {
-        self.person.parameters().iter().zip(x).map(|(p, x)| outside(p, *x)).collect()
-    }
-
-    fn residuals(&self, x: &[f64], into: &mut DVector<f64>) -> bool {
-        let values = self.values(x);
-        let mut row = 0;
-        for target in self.targets {
-            let model = self.person.closed_loop(&values, target.omega);
-            let e: Vec<Complex64> = target.wanted.iter().map(|(i, data)| data - model[*i]).collect();
-            for weights in &target.whitening {
-                let sum: Complex64 = weights.iter().zip(&e).map(|(w, e)| w * e).sum();
-                // The real and the imaginary part have half of the variance each.
-                into[row] = std::f64::consts::SQRT_2 * sum.re;
-                into[row + 1] = std::f64::consts::SQRT_2 * sum.im;
-                row += 2;
-            }
-        }
-        into.iter().all(|v| v.is_finite())
-    }
-}
-
-/// Step of the central differences, in internal units.
-const STEP: f64 = 1e-6;
-
-impl LeastSquares for Cost<'_> {
-    fn unknowns(&self) -> usize {
-        self.person.parameters().len()
-    }
-
-    fn equations(&self) -> usize {
-        self.equations
-    }
-
-    fn evaluate(&self, x: &[f64], residuals: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>) -> bool {
-        if !self.residuals(x, residuals) {
-            return false;
-        }
-        let Some(jacobian) = jacobian else { return true };
-        let mut moved = x.to_vec();
-        let (mut above, mut below) = (residuals.clone(), residuals.clone());
-        for j in 0..x.len() {
-            let step = STEP * x[j].abs().max(1.0);
-            moved[j] = x[j] + step;
-            let is_fine = self.residuals(&moved, &mut above);
-            moved[j] = x[j] - step;
-            if !(is_fine && self.residuals(&moved, &mut below)) {
-                return false;
-            }
-            moved[j] = x[j];
-            jacobian.set_column(j, &((&above - &below) / (2.0 * step)));
-        }
-        true
-    }
-
-    fn bounds(&self) -> Vec<[f64; 2]> {
-        self.person.parameters().iter().map(|p| p.range.map(|value| inside(p, value))).collect()
-    }
-
-    fn is_feasible(&self, x: &[f64]) -> bool {
-        self.person.is_stable(&self.values(x))
-    }
-}
-
-/// What each line's covariance is multiplied by, to have the smoothed noise; 1 where its noise was given.
-fn smoothing(responses: &[LineResponse], channel: Channel) -> Vec<f64> {
-    let which = usize::from(channel == Channel::Output);
-    // (position, ln ω, ln σ² without bias, weight)
-    let known: Vec<(usize, f64, f64, f64)> = responses
-        .iter()
-        .enumerate()
-        .filter_map(|(i, line)| {
-            let noise = line.noise?[which];
-            (noise > 0.0).then(|| (i, line.omega_rad_s.ln(), noise.ln() + 0.5 / line.freedoms, line.freedoms))
-        })
-        .collect();
-    let mut factors = vec![1.0; responses.len()];
-    for (i, x, _, _) in &known {
-        let mut distances: Vec<f64> = known.iter().map(|(_, other, _, _)| (other - x).abs()).collect();
-        distances.sort_by(f64::total_cmp);
-        // The farthest of the neighbours still counts a little.
-        let reach = 1.1 * distances[(NEIGHBOURS - 1).min(distances.len() - 1)];
-        let mut sums = [0.0; 5];
-        for (_, other, level, weight) in &known {
-            let distance = if reach > 0.0 { (other - x).abs() / reach } else { 0.0 };
-            if distance < 1.0 {
-                let w = weight * (1.0 - distance.powi(3)).powi(3);
-                let t = other - x;
-                for (sum, term) in sums.iter_mut().zip([1.0, t, t * t, *level, t * level]) {
-                    *sum += w * term;
-                }
-            }
-        }
-        let [n, t, tt, level, t_level] = sums;
-        let determinant = n * tt - t * t;
-        let smooth = if determinant > 1e-9 * n * tt { (tt * level - t * t_level) / determinant } else { level / n };
-        if let Some(noise) = responses[*i].noise {
-            factors[*i] = smooth.exp() / noise[which];
-        }
-    }
-    factors
-}
-
-fn targets(responses: &[LineResponse], channel: Channel, weighted: bool) -> Vec<Target> {
-    let factors = smoothing(responses, channel);
-    let (r, d) = if channel == Channel::Control { (UR, UD) } else { (YR, YD) };
-    let mut targets = Vec::new();
-    for (line, factor) in responses.iter().zip(factors) {
-        let pick = |pair: [Complex64; 2]| if channel == Channel::Control { pair[0] } else { pair[1] };
-        let wanted: Vec<(usize, Complex64)> = [(r, line.command), (d, line.disturbance)]
-            .into_iter()
-            .filter_map(|(i, pair)| Some((i, pick(pair?))))
-            .collect();
-        if wanted.is_empty() {
-            continue;
-        }
-        let one = Complex64::from(1.0);
-        let whitening = match (&line.covariance, weighted) {
-            (Some(c), true) => {
-                let c = DMatrix::from_fn(wanted.len(), wanted.len(), |a, b| c[(wanted[a].0, wanted[b].0)] * factor);
-                let Some(factor) = c.cholesky() else { continue };
-                let n = wanted.len();
-                let Some(inverse) = factor.l().solve_lower_triangular(&DMatrix::identity(n, n)) else { continue };
-                (0..n).map(|a| (0..n).map(|b| inverse[(a, b)]).collect()).collect()
-            }
-            _ => (0..wanted.len())
-                .map(|a| (0..wanted.len()).map(|b| if a == b { one } else { 0.0.into() }).collect())
-                .collect(),
-        };
-        targets.push(Target { omega: line.omega_rad_s, wanted, whitening });
-    }
-    targets
-}
 
 /// Fits a person to the responses.
 ///
@@ -320,7 +152,7 @@ pub fn fit(responses: &[LineResponse], person: &Person, settings: &FitSettings, 
     }
     let cost = Cost { person, targets: &targets, equations };
     let mut costs: Vec<f64> = Vec::new();
-    let mut best: Option<crate::num::least_squares::Minimum> = None;
+    let mut best: Option<Minimum> = None;
     let starts = settings.starts.max(1);
     ctl.set_total(starts as u64);
     for start in 0..starts {
@@ -373,7 +205,7 @@ fn covariance_of(jacobian: &DMatrix<f64>, free: &[usize], scale: f64) -> Option<
 fn assemble(
     person: &Person,
     cost: &Cost<'_>,
-    best: &crate::num::least_squares::Minimum,
+    best: &Minimum,
     weighted: bool,
     count: usize,
     starts_agreeing: usize,
@@ -477,111 +309,5 @@ impl Fitted {
     #[must_use]
     pub fn quantile(&self, probability: f64) -> f64 {
         student_t(probability, self.freedoms.max(1.0))
-    }
-}
-
-/// A start with a stable loop: from typical values for the first, scattered around them for the others; numerators of
-/// rational laws by linear least squares on the estimates without structure.
-fn first_guess(cost: &Cost<'_>, responses: &[LineResponse], seed: u64, start: usize) -> Option<Vec<f64>> {
-    let person = cost.person;
-    let mut stream = rng::stream(seed, &format!("start {start} of a two-stimulus fit"));
-    let mut scatter = |deviation: f64| -> f64 {
-        let normal: f64 = stream.sample(StandardNormal);
-        if start == 0 { 0.0 } else { deviation * normal }
-    };
-    let estimated = super::controllers::controllers(responses);
-    let collect = |pick: &dyn Fn(&super::controllers::LineControllers) -> Option<Complex64>| -> Vec<(f64, Complex64)> {
-        estimated.lines.iter().filter_map(|line| Some((line.response.omega_rad_s, pick(line)?))).collect()
-    };
-    let feedback = collect(&|line| line.feedback.filter(|f| !f.interpolated).map(|f| f.value));
-    let feedforward = collect(&|line| line.feedforward.map(|f| f.value));
-    let mut sizes: Vec<f64> = feedback.iter().map(|(_, g)| g.norm()).collect();
-    sizes.sort_by(f64::total_cmp);
-    let typical = sizes.get(sizes.len() / 2).copied().unwrap_or(1.0);
-    // The lowest line has the least delay.
-    let sign = feedback.first().map_or(1.0, |(_, g)| if g.re < -0.5 * g.norm() { -1.0 } else { 1.0 });
-    let unit = 1.0 / person.scale_rad_s();
-    let mut values: Vec<f64> = Vec::new();
-    for parameter in person.parameters() {
-        let factor = scatter(0.7).exp();
-        let value = match parameter.name.as_str() {
-            "feedback_gain" => sign * typical * factor,
-            "feedforward_gain" => 0.5 * factor,
-            "feedback_lead_s" => 0.3 * unit * factor,
-            "feedback_lag_s" => 0.2 * unit * factor,
-            "feedforward_lag_s" | "neuromuscular_lag_s" => 0.1 * unit * factor,
-            name if name.ends_with("_delay_s") => {
-                let [low, high] = parameter.range;
-                (low + (high - low) * 0.25 * factor).min(low + 0.95 * (high - low))
-            }
-            name if name.contains("_denominator_") => factor * factor,
-            _ => 0.0,
-        };
-        let [low, high] = parameter.range;
-        values.push(value.clamp(low, high));
-    }
-    for (prefix, law, data) in rational_laws(person, &feedback, &feedforward) {
-        fill_numerator(person, prefix, law, data, &mut values);
-    }
-    // A smaller loop gain is stable sooner.
-    for _ in 0..40 {
-        if person.is_stable(&values) {
-            let x: Vec<f64> = person.parameters().iter().zip(&values).map(|(p, v)| inside(p, *v)).collect();
-            return Some(x);
-        }
-        for (parameter, value) in person.parameters().iter().zip(values.iter_mut()) {
-            if parameter.name == "feedback_gain" || parameter.name.starts_with("feedback_numerator_") {
-                *value *= 0.7;
-            }
-        }
-    }
-    None
-}
-
-type Samples = Vec<(f64, Complex64)>;
-
-fn rational_laws<'a>(
-    person: &Person,
-    feedback: &'a Samples,
-    feedforward: &'a Samples,
-) -> Vec<(&'static str, RationalLaw, &'a Samples)> {
-    let mut laws = Vec::new();
-    if let FeedbackLaw::Rational(law) = person.structure().feedback {
-        laws.push(("feedback", law, feedback));
-    }
-    if let FeedforwardLaw::Rational(law) = person.structure().feedforward {
-        laws.push(("feedforward", law, feedforward));
-    }
-    laws
-}
-
-/// The numerator that comes nearest to the data for the denominator and delay at hand; each numerator coefficient
-/// enters linearly.
-fn fill_numerator(person: &Person, prefix: &str, law: RationalLaw, data: &Samples, values: &mut [f64]) {
-    let name = format!("{prefix}_numerator_0");
-    let Some(first) = person.parameters().iter().position(|p| p.name == name) else { return };
-    let count = law.numerator_degree + 1;
-    let columns: Vec<Vec<Complex64>> = (0..count)
-        .map(|i| {
-            let mut unit = values.to_vec();
-            unit[first..first + count].fill(0.0);
-            unit[first + i] = 1.0;
-            data.iter()
-                .map(|(omega, _)| {
-                    let response = person.response(&unit, *omega);
-                    if prefix == "feedback" { response.feedback } else { response.feedforward }
-                })
-                .collect()
-        })
-        .collect();
-    let rows = data.len();
-    let part = |z: Complex64, i: usize| if i < rows { z.re } else { z.im };
-    // Relative errors: every line tells as much.
-    let a = DMatrix::from_fn(2 * rows, count, |i, j| part(columns[j][i % rows] / data[i % rows].1.norm(), i));
-    let b = DVector::from_fn(2 * rows, |i, _| part(data[i % rows].1 / data[i % rows].1.norm(), i));
-    if let Some((solution, _)) = crate::num::linalg::least_squares(&a, &b) {
-        values[first..first + count].copy_from_slice(solution.as_slice());
-    } else {
-        values[first] = data.first().map_or(1.0, |(_, g)| g.norm());
     }
 }

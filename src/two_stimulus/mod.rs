@@ -11,7 +11,6 @@
 
 pub mod controllers;
 pub mod fit;
-pub mod pool;
 pub mod regularised;
 pub mod responses;
 pub mod simulate;

@@ -2,11 +2,10 @@
 
 use crate::cache::codec::{Sink, Source};
 use crate::cache::{ByteStore, CacheCounters, CacheStatistics, Key, Origins};
-use crate::control::System;
 use crate::ctl::{Ctl, Stopped};
-use crate::identify::pool::{Pool, PoolError, Recipe};
+use crate::identify::pool::{Pool, PoolError};
 use crate::identify::problem::Problem;
-use crate::identify::search::prepared::{Prepared, PreparedLines, PreparedPools, load_pool, pool_key, save_pool};
+use crate::identify::search::prepared::{Prepared, PreparedLines, PreparedPools, RecipeOnPlant, save_pool};
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -24,8 +23,7 @@ pub struct PoolMemo {
 
 #[derive(Debug, Clone)]
 struct KeptPool {
-    recipe: Recipe,
-    plant: System,
+    recipe: RecipeOnPlant,
     pool: Arc<Pool>,
     /// What was prepared on it last, and at which lines.
     prepared: Option<(PreparedLines, Prepared)>,
@@ -100,8 +98,8 @@ impl PoolMemo {
 
 impl PreparedPools for PoolMemo {
     /// Built outside the lock: two trials that start together may both build it, and one is kept.
-    fn pool(&self, recipe: &Recipe, plant: &System, ctl: &Ctl) -> Result<Arc<Pool>, PoolError> {
-        let same = |kept: &KeptPool| kept.recipe == *recipe && kept.plant == *plant;
+    fn pool(&self, recipe: &RecipeOnPlant, ctl: &Ctl) -> Result<Arc<Pool>, PoolError> {
+        let same = |kept: &KeptPool| kept.recipe == *recipe;
         let known = self.with(|pools| {
             let at = pools.iter().position(same)?;
             let kept = pools.remove(at);
@@ -114,9 +112,9 @@ impl PreparedPools for PoolMemo {
             return Ok(pool);
         }
         let (pool, origin) = self.load_or_make(
-            pool_key(recipe, plant).as_ref(),
-            |from| load_pool(recipe, plant, from, ctl),
-            || recipe.build(plant, ctl),
+            recipe.key().as_ref(),
+            |from| recipe.load(from, ctl),
+            || recipe.build(ctl),
             save_pool,
             ctl,
         )?;
@@ -126,8 +124,7 @@ impl PreparedPools for PoolMemo {
             if pools.len() >= KEPT {
                 pools.remove(0);
             }
-            let (recipe, plant) = (recipe.clone(), plant.clone());
-            pools.push(KeptPool { recipe, plant, pool: Arc::clone(&pool), prepared: None });
+            pools.push(KeptPool { recipe: recipe.clone(), pool: Arc::clone(&pool), prepared: None });
         });
         Ok(pool)
     }
@@ -139,7 +136,7 @@ impl PreparedPools for PoolMemo {
             let Some(kept) = pools.iter_mut().find(same) else { return (None, None) };
             match kept.prepared.as_ref().filter(|(at, _)| *at == lines) {
                 Some((_, prepared)) => (Some(prepared.clone()), None),
-                None => (None, Some((kept.recipe.clone(), kept.plant.clone()))),
+                None => (None, Some(kept.recipe.clone())),
             }
         });
         if let Some(prepared) = known {
@@ -147,7 +144,7 @@ impl PreparedPools for PoolMemo {
             return Ok(prepared);
         }
         // Where other pools have pushed this one out meanwhile, the trees are made for this search alone.
-        let key = of.map(|(recipe, plant)| lines.key(&recipe, &plant));
+        let key = of.map(|recipe| lines.key(&recipe));
         let (prepared, origin) = self.load_or_make(
             key.as_ref(),
             |from| Prepared::load(problem, pool, from, ctl),

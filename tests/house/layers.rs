@@ -23,7 +23,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("likelihood", &["control", "ctl", "num", "person", "response"]),
     ("inverse", &["control", "convex", "ctl", "num"]),
     ("excite", &["control", "convex", "ctl", "num", "person", "plants", "simulate"]),
-    ("learning", &["num"]),
+    // Metrics are made from recordings and from the responses of systems.
+    ("learning", &["control", "num", "trial"]),
     (
         "analysis",
         &[

@@ -378,10 +378,10 @@ fn a_simulation_from_responses_agrees_with_one_in_time() {
 
 #[test]
 fn the_best_candidate_of_a_pool_is_that_of_brute_force() {
+    use volition::identify::both_stimuli::{DisturbanceLine, PoolSearchError, search};
     use volition::identify::pool::{Degrees, PoolSpec};
     use volition::identify::problem::{Lines, Problem};
     use volition::identify::search::exact;
-    use volition::two_stimulus::pool::{DisturbanceLine, PoolSearchError, search};
     let spec: PoolSpec = serde_json::from_value(serde_json::json!({"grid": {
         "feedforward_denominator": [{"from": 1.0, "to": 9.0, "step": 0.5}],
         "feedback_numerator": [{"from": -2.0, "to": 8.0, "step": 0.4}],

@@ -1,10 +1,10 @@
 //! What a scientist must read before using the result.
 
-use super::has_feedforward;
 use super::result::StructureFit;
 use crate::analysis::report::Warning;
 use crate::control::System;
 use crate::two_stimulus::controllers::Controllers;
+use crate::two_stimulus::structure::FeedforwardLaw;
 
 /// A p-value below this says that the structure does not describe the responses.
 const MISFIT: f64 = 0.01;
@@ -128,7 +128,8 @@ pub(super) fn of_best(best: &StructureFit, warnings: &mut Vec<Warning>) {
     }
     let edges: Vec<&str> = best.parameters.iter().filter(|p| p.at_edge).map(|p| p.name.as_str()).collect();
     if !edges.is_empty() {
-        let which = if has_feedforward(&best.structure) { "" } else { " (without a feedforward, delays often do)" };
+        let has_feedforward = best.structure.feedforward != FeedforwardLaw::None;
+        let which = if has_feedforward { "" } else { " (without a feedforward, delays often do)" };
         warnings.push(Warning::new(
             "parameter_at_edge",
             format!("{} of the best structure lie on the edge of their range{which}", edges.join(", ")),

@@ -3,7 +3,8 @@
 use crate::analysis::inputs::data::{
     Responses, TrialsOrResponses, check_frequencies, check_responses, check_variances, wrong_data,
 };
-use crate::analysis::problem::Problem;
+use crate::analysis::problem::{Code, Problem};
+use crate::two_stimulus::responses::LineResponse;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -45,4 +46,29 @@ impl Responses for TwoStimulusResponses {
         check_variances(self.variance_yr.as_deref(), lines, "variance_yr")?;
         check_variances(self.variance_yd.as_deref(), lines, "variance_yd")
     }
+}
+
+/// The inputs do not tell feedback from feedforward.
+pub(super) fn no_disturbance(lines: &[LineResponse]) -> Problem {
+    if lines.iter().any(|line| line.confounded) {
+        return Problem::new(
+            Code::NotIdentifiable,
+            "command and disturbance are confounded",
+            "command and disturbance excite the same lines in one proportion, so their effects cannot be told apart",
+        )
+        .at("/inputs")
+        .mend("Add a trial in which one of them has the other sign, or excite interleaved lines.");
+    }
+    Problem::new(
+        Code::NotIdentifiable,
+        "the feedback is not determined",
+        "the disturbance excites no line, and from the command alone feedback and feedforward cannot be told apart: \
+         every feedback \
+         has a feedforward with the same response",
+    )
+    .at("/inputs")
+    .mend(
+        "Add trials with a disturbance at the plant's input, or ask for ssid, which tells them apart by assumed \
+           degrees.",
+    )
 }

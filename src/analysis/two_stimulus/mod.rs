@@ -10,6 +10,7 @@ mod inputs;
 mod pool;
 mod prediction;
 mod result;
+mod shares;
 mod spec;
 
 use super::contract::{Analysis, Failure, Outcome};
@@ -32,15 +33,17 @@ use crate::two_stimulus::controllers::{Controllers, controllers};
 use crate::two_stimulus::fit::{FitError, FitSettings, Fitted, fit};
 use crate::two_stimulus::responses::{LineResponse, responses};
 use crate::two_stimulus::simulate::{BEYOND_LINES, accounted_for, simulate};
-use crate::two_stimulus::structure::{FeedforwardLaw, Person, Structure};
+use crate::two_stimulus::structure::{Person, Structure};
+use inputs::no_disturbance;
 pub use inputs::{TwoStimulusInputs, TwoStimulusResponses};
 use num_complex::Complex64;
 pub use pool::PoolResult;
 pub use prediction::{Ceiling, MeanShare, RegularisedResult};
 pub use result::{
-    Agreement, ControllerAtLine, FittedAtLine, FittedLine, FittedParameter, Shares, StructureFit, TrialShare,
-    TwoStimulusLine, TwoStimulusResult,
+    Agreement, ControllerAtLine, FittedAtLine, FittedLine, FittedParameter, StructureFit, TwoStimulusLine,
+    TwoStimulusResult,
 };
+pub use shares::{Shares, TrialShare};
 use spec::CheckedSpec;
 pub use spec::TwoStimulusSpec;
 
@@ -253,30 +256,6 @@ impl Plan {
     }
 }
 
-fn no_disturbance(lines: &[LineResponse]) -> Problem {
-    if lines.iter().any(|line| line.confounded) {
-        return Problem::new(
-            Code::NotIdentifiable,
-            "command and disturbance are confounded",
-            "command and disturbance excite the same lines in one proportion, so their effects cannot be told apart",
-        )
-        .at("/inputs")
-        .mend("Add a trial in which one of them has the other sign, or excite interleaved lines.");
-    }
-    Problem::new(
-        Code::NotIdentifiable,
-        "the feedback is not determined",
-        "the disturbance excites no line, and from the command alone feedback and feedforward cannot be told apart: \
-         every feedback \
-         has a feedforward with the same response",
-    )
-    .at("/inputs")
-    .mend(
-        "Add trials with a disturbance at the plant's input, or ask for ssid, which tells them apart by assumed \
-           degrees.",
-    )
-}
-
 /// The shares of a trial that the fitted loop accounts for, simulated from rest.
 fn share(fitted: &Fitted, trial: &ResolvedTrial, highest_rad_s: f64) -> TrialShare {
     let recorded = trial.trial();
@@ -303,11 +282,6 @@ fn inverse_distance(free: &Controllers, plant: &System) -> Option<f64> {
         })
         .collect();
     crate::num::stats::mean(&squares).map(f64::sqrt)
-}
-
-/// Whether a structure asks for a feedforward.
-fn has_feedforward(structure: &Structure) -> bool {
-    structure.feedforward != FeedforwardLaw::None
 }
 
 #[cfg(test)]

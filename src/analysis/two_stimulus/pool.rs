@@ -1,15 +1,16 @@
 //! The best candidate of a pool for both responses.
 
+use super::inputs::no_disturbance;
 use crate::analysis::contract::Failure;
 use crate::analysis::inputs::pool_problem;
 use crate::analysis::problem::{Code, Problem};
 use crate::control::{Continuous, Model, System, TransferFunction};
 use crate::ctl::Ctl;
+use crate::identify::both_stimuli::{DisturbanceLine, PoolSearchError, search};
 use crate::identify::pool::{PoolError, Recipe};
 use crate::identify::problem::{Lines, Problem as Command};
 use crate::identify::ssid::{SsidError, plant_for};
 use crate::identify::time::Time;
-use crate::two_stimulus::pool::{DisturbanceLine, PoolSearchError, search};
 use crate::two_stimulus::responses::{LineResponse, YD, YR};
 use num_complex::Complex64;
 use schemars::JsonSchema;
@@ -100,7 +101,7 @@ pub(super) fn best(
             feedback: pool.feedback().len(),
             limit,
         }),
-        PoolSearchError::NoDisturbance => super::no_disturbance(lines).into(),
+        PoolSearchError::NoDisturbance => no_disturbance(lines).into(),
     })?;
     if !found.cost.is_finite() {
         return Err(failed(&SsidError::NotFinite("cost: the data are too large")));

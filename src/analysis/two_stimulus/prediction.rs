@@ -1,7 +1,7 @@
 //! What could be predicted of the trials, and what the estimate shrunk towards the best structure predicts of trials
 //! held out.
 
-use super::result::{Shares, TrialShare};
+use super::shares::{Shares, TrialShare};
 use crate::analysis::inputs::trials::ResolvedTrial;
 use crate::ctl::{Ctl, Stopped};
 use crate::response::stimuli::{SegmentLines, StimulusLines};

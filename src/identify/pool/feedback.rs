@@ -1,6 +1,7 @@
 //! The feedback controllers of a pool: a table that is walked, never stored.
 
 use super::factor::Factor;
+use super::feedback_lists::{FeedbackLists, MappedPlant, Normalisation};
 use super::routh;
 use super::scan::{self, Extremes, Gains, Numerators, Scan};
 use crate::ctl::{Ctl, Stopped};
@@ -15,23 +16,6 @@ const ENOUGH: usize = 256;
 
 /// Raw gains tested between two looks at the stop flag (about 20 ms).
 const TESTS_PER_CHECK: usize = 1 << 20;
-
-/// How a listed gain becomes the leading coefficient of a numerator.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Normalisation {
-    /// The numerators are taken as they are.
-    None,
-    /// A gain is the peak of |Gfb| over a band: per denominator and numerator, the peak at gain one, computed on the
-    /// fly from the squared moduli as quadratics of the same variable.
-    Peak {
-        /// `|D|²` per denominator, and whether D vanishes on the band.
-        denominators: Vec<([f64; 3], bool)>,
-        /// `|N|²` per numerator.
-        numerators: Vec<[f64; 3]>,
-        /// The band in that variable.
-        band: [f64; 2],
-    },
-}
 
 /// One feedback controller of the table.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,28 +79,6 @@ pub struct FeedbackTable {
     rows_per_block: usize,
     /// Number of controllers before each block, and in all.
     before: Vec<u64>,
-}
-
-/// What feedback controllers are made of.
-#[derive(Debug, Clone)]
-pub(super) struct FeedbackLists {
-    pub(super) denominators: Vec<Factor>,
-    pub(super) numerators: Vec<Factor>,
-    /// Without zero.
-    pub(super) gains: Vec<f64>,
-    /// Whether no feedback is among them.
-    pub(super) zero: bool,
-    pub(super) normalisation: Normalisation,
-}
-
-/// A plant as the stability test takes it: see [`Region::map`](crate::identify::time::Region::map).
-#[derive(Debug, Clone)]
-pub(super) struct MappedPlant {
-    pub(super) denominator: Vec<f64>,
-    /// Homogenised to the degree of the denominator.
-    pub(super) numerator: Vec<f64>,
-    /// Leading zeros of every closed-loop polynomial, where plant or feedback is improper.
-    pub(super) padding: usize,
 }
 
 /// A denominator of a table; see [`FeedbackTable::open`].

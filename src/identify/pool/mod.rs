@@ -5,6 +5,7 @@
 
 pub mod factor;
 pub mod feedback;
+mod feedback_lists;
 mod lists;
 mod peak;
 pub mod recipe;

@@ -1,7 +1,8 @@
 //! What a checked pool is made of, before a plant decides which candidates are stable.
 
 use super::factor::Factor;
-use super::feedback::{FeedbackLists, FeedbackTable, MappedPlant, Normalisation};
+use super::feedback::FeedbackTable;
+use super::feedback_lists::{FeedbackLists, MappedPlant, Normalisation};
 use super::roots::RootPair;
 use super::routh::{self, LARGEST_DEGREE};
 use super::spec::PoolSpecError;

@@ -3,7 +3,8 @@
 //! `H* = G̃(θ̂) + ε*` with circular complex normal noise of the lines' variances (real where the response is), refined
 //! from θ̂. It does without the linearisation behind the bands, and so checks it.
 
-use super::Refinement;
+use super::projection::Projection;
+use super::refinement::Refinement;
 use super::uncertainty::Noise;
 use crate::ctl::{Ctl, Stopped};
 use crate::num::least_squares::{self, LeastSquaresError, Options};
@@ -148,11 +149,7 @@ impl Refinement<'_> {
     }
 
     /// Gff and Gfb at the lines.
-    fn controllers_at_lines(
-        &self,
-        projection: &super::projection::Projection<'_>,
-        phi: &[f64],
-    ) -> (Vec<Complex64>, Vec<Complex64>) {
+    fn controllers_at_lines(&self, projection: &Projection<'_>, phi: &[f64]) -> (Vec<Complex64>, Vec<Complex64>) {
         let Some(point) = projection.point(phi) else { return (Vec::new(), Vec::new()) };
         (0..self.lines().len())
             .map(|k| {

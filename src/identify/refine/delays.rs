@@ -5,15 +5,11 @@
 //! range it is then refined with all other coefficients. The pool itself is searched without delay: its best candidate
 //! is where the scan starts, and the result is a local optimum. In sampled time delays are whole samples.
 
-use super::projection::{DelayedLoop, Parts};
-use super::variable::Variable;
-use super::{RefineError, Refinement, Setup, Start};
-use crate::control::delay::{is_stable_continuous, is_stable_sampled, largest_real_part};
+use super::refinement::Refinement;
+use super::setup::{DelayValue, RefineError, Setup, Start};
 use crate::ctl::Ctl;
-use crate::identify::time::{Time, multiply};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
 
 /// Points of a scan over a range.
 const SCAN: usize = 9;
@@ -52,26 +48,6 @@ pub struct Delays {
     pub feedforward: Delay,
 }
 
-/// A delay of one refinement.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DelayValue {
-    /// Its value, or where it starts.
-    pub start_s: f64,
-    /// Where it may go; `None` where it is fixed.
-    pub range_s: Option<[f64; 2]>,
-}
-
-impl DelayValue {
-    /// No delay.
-    pub const NONE: Self = Self { start_s: 0.0, range_s: None };
-
-    /// Whether it is no delay, and stays none.
-    #[must_use]
-    pub fn is_none(self) -> bool {
-        self == Self::NONE
-    }
-}
-
 /// A pair of delays that was tried.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ScanPoint {
@@ -83,44 +59,6 @@ pub struct ScanPoint {
     pub cost: Option<f64>,
     /// Why there is none.
     pub reason: Option<String>,
-}
-
-/// The exact test of a loop with delay.
-pub(super) fn delayed_loop<'a>(
-    variable: Variable,
-    time: Time,
-    plant_numerator: Vec<f64>,
-    plant_denominator: Vec<f64>,
-    margin_per_s: f64,
-) -> DelayedLoop<'a> {
-    Arc::new(move |parts: &Parts| {
-        let open = multiply(&plant_denominator, &parts.feedback_denominator);
-        let gain = multiply(&plant_numerator, &parts.feedback_numerator);
-        match time {
-            Time::Continuous => {
-                let margin = margin_per_s / variable.omega;
-                is_stable_continuous(&open, &gain, parts.feedback_delay, margin).unwrap_or(false)
-            }
-            Time::Sampled(time) => {
-                let samples = (parts.feedback_delay / variable.unit).round() as usize;
-                let radius = (-margin_per_s * time.period_s()).exp();
-                is_stable_sampled(&variable.leave(&open), &variable.leave(&gain), samples, radius).unwrap_or(false)
-            }
-        }
-    })
-}
-
-/// Largest real part of the roots of `open + gain e^{−sτ}`, which is known to be below `−margin`.
-pub(super) fn slowest_exponent(open: &[f64], gain: &[f64], delay_s: f64, margin_per_s: f64) -> Option<f64> {
-    let mut reach = 1.0 / delay_s.max(1e-3);
-    for _ in 0..8 {
-        let lowest = -margin_per_s - reach;
-        if let Some(found) = largest_real_part(open, gain, delay_s, [lowest, -margin_per_s], 1e-7 * (1.0 + reach)) {
-            return Some(found);
-        }
-        reach *= 2.0;
-    }
-    None
 }
 
 /// A start whose loop is stable with its delay, by halving the feedback where it is not.

@@ -13,8 +13,9 @@
 //!   optimum, and the weighted squared error of the response that was left out averaged. Over lines it asks whether the
 //!   structure interpolates, over repeats whether it would have predicted another trial.
 
+use super::refinement::Refinement;
+use super::setup::{RefineError, Setup, Start};
 use super::uncertainty::Noise;
-use super::{RefineError, Refinement, Setup, Start};
 use crate::ctl::{Ctl, Stopped};
 use crate::identify::problem::{Line, Lines, Problem};
 use crate::num::least_squares::{self, LeastSquaresError, Options};

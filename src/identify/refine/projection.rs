@@ -6,9 +6,9 @@
 //! projector `P⊥ = I − A A⁺`. All is written in polynomials, so a feedback pole on a line (an integrator at 0 Hz) does
 //! no harm.
 
-use super::delays::DelayValue;
 use super::region::Margin;
-use super::variable::Variable;
+use super::setup::DelayValue;
+use super::variable::{Variable, power};
 use crate::identify::problem::Problem;
 use crate::identify::time::multiply;
 use crate::num::least_squares::LeastSquares;
@@ -83,11 +83,6 @@ impl Unknown {
             _ => None,
         }
     }
-}
-
-/// `x^power` as a polynomial.
-fn power(power: usize) -> Vec<f64> {
-    [vec![1.0], vec![0.0; power]].concat()
 }
 
 impl Layout {

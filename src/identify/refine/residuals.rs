@@ -9,7 +9,7 @@
 //! - **Whiteness.** The lag-one correlation of neighbouring lines' normalised residuals, `|Σ e_k ē_{k+1}| / Σ |e_k|²`,
 //!   against its distribution under `r = M ε`, by simulation with a fixed seed.
 
-use super::Refinement;
+use super::refinement::Refinement;
 use super::uncertainty::Noise;
 use crate::num::distributions::f_cdf;
 use crate::num::rng;

@@ -13,8 +13,9 @@
 //!
 //! No number is given where this reasoning does not hold: see [`Unavailable`].
 
-use super::Refinement;
 use super::projection::{Point, Unknown, Values};
+use super::refinement::Refinement;
+use super::variable;
 use crate::num::distributions::student_t;
 use crate::num::linalg;
 use nalgebra::{DMatrix, DVector, RowDVector};
@@ -437,11 +438,11 @@ impl Refinement<'_> {
                 };
                 let mut constants = vec![0.0; degree + 1];
                 if is_monic {
-                    add(variable.leave(&super::power(degree)), &mut |i, c| constants[i] = c);
+                    add(variable.leave(&variable::power(degree)), &mut |i, c| constants[i] = c);
                 }
                 for (j, unknown) in projection.unknowns.iter().enumerate() {
                     if let Some(power) = power_of(*unknown) {
-                        add(variable.leave(&super::power(power)), &mut |i, c| own[i][beta + j] = c);
+                        add(variable.leave(&variable::power(power)), &mut |i, c| own[i][beta + j] = c);
                     }
                 }
                 for (i, (row, constant)) in own.into_iter().zip(constants).enumerate().skip(usize::from(is_monic)) {

@@ -35,6 +35,11 @@ fn stretched(descending: &[f64], factor: f64) -> Vec<f64> {
     descending.iter().enumerate().map(|(i, c)| c * factor.powi((degree - i) as i32)).collect()
 }
 
+/// `x^power` as a polynomial.
+pub(super) fn power(power: usize) -> Vec<f64> {
+    [vec![1.0], vec![0.0; power]].concat()
+}
+
 impl Variable {
     pub fn new(time: Time, lines: &[Line]) -> Self {
         let logs: Vec<f64> = lines.iter().map(|l| l.omega_rad_s).filter(|w| *w > 0.0).map(f64::ln).collect();

@@ -1,7 +1,7 @@
 //! The search that fits a pool.
 
 use super::factored::search::{self as factored, FactoredSearch};
-use super::prepared::{Prepared, PreparedPools, SMALL};
+use super::prepared::{Prepared, PreparedPools, RecipeOnPlant, SMALL};
 use super::screen::exhaustive::Exhaustive;
 use super::screen::optimum::{Method, Optimum, Search};
 use super::sensitivity::search::{self as sensitivity, SensitivitySearch};
@@ -22,7 +22,7 @@ pub struct Automatic<'a> {
 
 impl Search for Automatic<'_> {
     fn pool(&self, recipe: &Recipe, plant: &System, ctl: &Ctl) -> Result<Arc<Pool>, PoolError> {
-        self.pools.pool(recipe, plant, ctl)
+        self.pools.pool(&RecipeOnPlant::new(recipe, plant), ctl)
     }
 
     fn search(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Optimum, Stopped> {

@@ -21,7 +21,7 @@ pub(crate) mod simd;
 pub use automatic::Automatic;
 pub use factored::search::FactoredSearch;
 pub use factored::trees::FactorTrees;
-pub use prepared::{KeepNothing, Prepared, PreparedPools};
+pub use prepared::{KeepNothing, Prepared, PreparedPools, RecipeOnPlant};
 pub use screen::exact;
 pub use screen::exhaustive::Exhaustive;
 pub use screen::optimum::{MOST_NEAR, Method, NEAR, Optimum, Search};

@@ -27,6 +27,49 @@ const WORTH_LISTING: usize = 100;
 const SENSITIVITY: u8 = 1;
 const FACTORED: u8 = 2;
 
+/// A recipe and the plant that it is for: all that a pool depends on, so whoever keeps pools tells them apart by it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecipeOnPlant {
+    recipe: Recipe,
+    plant: System,
+}
+
+impl RecipeOnPlant {
+    /// Of a recipe and a plant.
+    #[must_use]
+    pub fn new(recipe: &Recipe, plant: &System) -> Self {
+        Self { recipe: recipe.clone(), plant: plant.clone() }
+    }
+
+    /// Makes the pool.
+    ///
+    /// # Errors
+    /// [`PoolError`].
+    pub fn build(&self, ctl: &Ctl) -> Result<Pool, PoolError> {
+        self.recipe.build(&self.plant, ctl)
+    }
+
+    /// The key of the pool's counts of stable controllers; `None` where they are counted as quickly as read.
+    pub(crate) fn key(&self) -> Option<Key> {
+        (self.recipe.combinations() > u128::from(SMALL)).then(|| self.hasher("counts").key())
+    }
+
+    /// Reads the counts that [`save_pool`] wrote, and makes the pool with them.
+    pub(crate) fn load(&self, from: &mut Source<'_>, ctl: &Ctl) -> io::Result<Pool> {
+        let counts = from.array()?;
+        // A recipe and a plant that make no pool have left nothing in the store.
+        let pool = self.recipe.build_counted(&self.plant, Some(&counts), ctl).map_err(io::Error::other)?;
+        if pool.feedback().counts() == counts { Ok(pool) } else { Err(invalid("counts of another pool")) }
+    }
+
+    fn hasher(&self, kind: &'static str) -> KeyHasher {
+        let mut hasher = KeyHasher::new(kind);
+        hash_recipe(&mut hasher, &self.recipe);
+        hash_plant(&mut hasher, &self.plant);
+        hasher
+    }
+}
+
 /// Where a search gets pools and what it prepares on them: made, or kept from an earlier trial of the study. Whatever
 /// is given depends on the arguments alone, so that keeping changes nothing but the time.
 pub trait PreparedPools: fmt::Debug + Send + Sync {
@@ -34,7 +77,7 @@ pub trait PreparedPools: fmt::Debug + Send + Sync {
     ///
     /// # Errors
     /// [`PoolError`].
-    fn pool(&self, recipe: &Recipe, plant: &System, ctl: &Ctl) -> Result<Arc<Pool>, PoolError>;
+    fn pool(&self, recipe: &RecipeOnPlant, ctl: &Ctl) -> Result<Arc<Pool>, PoolError>;
 
     /// What branch and bound needs of a pool at the lines of a problem.
     ///
@@ -48,8 +91,8 @@ pub trait PreparedPools: fmt::Debug + Send + Sync {
 pub struct KeepNothing;
 
 impl PreparedPools for KeepNothing {
-    fn pool(&self, recipe: &Recipe, plant: &System, ctl: &Ctl) -> Result<Arc<Pool>, PoolError> {
-        recipe.build(plant, ctl).map(Arc::new)
+    fn pool(&self, recipe: &RecipeOnPlant, ctl: &Ctl) -> Result<Arc<Pool>, PoolError> {
+        recipe.build(ctl).map(Arc::new)
     }
 
     fn prepared(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Prepared, Stopped> {
@@ -118,8 +161,8 @@ impl PreparedLines {
     }
 
     /// The key of what is prepared on a pool at these lines.
-    pub(crate) fn key(&self, recipe: &Recipe, plant: &System) -> Key {
-        let mut hasher = pool_hasher("trees", recipe, plant);
+    pub(crate) fn key(&self, recipe: &RecipeOnPlant) -> Key {
+        let mut hasher = recipe.hasher("trees");
         hash_lines(&mut hasher, &self.lines);
         hasher.length(self.degree);
         hasher.length(WORTH_LISTING);
@@ -129,29 +172,9 @@ impl PreparedLines {
     }
 }
 
-fn pool_hasher(kind: &'static str, recipe: &Recipe, plant: &System) -> KeyHasher {
-    let mut hasher = KeyHasher::new(kind);
-    hash_recipe(&mut hasher, recipe);
-    hash_plant(&mut hasher, plant);
-    hasher
-}
-
-/// The key of a pool's counts of stable controllers; `None` where they are counted as quickly as read.
-pub(crate) fn pool_key(recipe: &Recipe, plant: &System) -> Option<Key> {
-    (recipe.combinations() > u128::from(SMALL)).then(|| pool_hasher("counts", recipe, plant).key())
-}
-
-/// Writes what [`load_pool`] reads.
+/// Writes what [`RecipeOnPlant::load`] reads.
 pub(crate) fn save_pool(pool: &Pool, to: &mut Sink<'_>) -> io::Result<()> {
     to.array(pool.feedback().counts())
-}
-
-/// Reads the counts that [`save_pool`] wrote, and makes the pool with them.
-pub(crate) fn load_pool(recipe: &Recipe, plant: &System, from: &mut Source<'_>, ctl: &Ctl) -> io::Result<Pool> {
-    let counts = from.array()?;
-    // A recipe and a plant that make no pool have left nothing in the store.
-    let pool = recipe.build_counted(plant, Some(&counts), ctl).map_err(io::Error::other)?;
-    if pool.feedback().counts() == counts { Ok(pool) } else { Err(invalid("counts of another pool")) }
 }
 
 #[cfg(test)]

@@ -1,4 +1,5 @@
-use super::super::{Setup, Start, prepared};
+use super::super::refinement::prepared;
+use super::super::setup::{Setup, Start};
 use super::*;
 use crate::control::{Continuous, Discrete, System, TransferFunction};
 use crate::identify::identifiability::Structure;

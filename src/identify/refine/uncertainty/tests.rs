@@ -1,4 +1,4 @@
-use super::super::{Setup, Start};
+use super::super::setup::{Setup, Start};
 use super::*;
 use crate::control::{Continuous, System, TransferFunction};
 use crate::ctl::Ctl;

@@ -1,6 +1,8 @@
 use super::*;
 use crate::control::Discrete;
+use crate::identify::identifiability::Structure;
 use crate::identify::problem::Lines;
+use crate::identify::refine::{Delay, Delays, Noise, refine_with_delays};
 use crate::num::rng;
 use rand_distr::{Distribution, StandardNormal};
 

@@ -1,4 +1,5 @@
-//! The best candidate of a pool for the responses to both stimuli.
+//! The best candidate of a pool for the responses to both stimuli: the search of SSID where a disturbance at the
+//! plant's input was recorded beside the command.
 //!
 //! `J = Σ w_r |G̃_yr − H_yr|² + Σ w_d |G̃_yd − H_yd|²` over the lines of each. The second sum depends on the feedback
 //! alone, `G̃_yd = G/(1 + G Gfb)`, and the first is for every feedback and feedforward denominator a linear
