@@ -333,7 +333,8 @@ mod tests {
         let all = everything(100);
         let bytes = written(&all);
         for cut in 0..bytes.len() {
-            assert!(read(&bytes[..cut], &Ctl::new()).is_err(), "cut at {cut}");
+            let kind = read(&bytes[..cut], &Ctl::new()).unwrap_err().kind();
+            assert_eq!(kind, io::ErrorKind::InvalidData, "cut at {cut}");
         }
         for at in 0..bytes.len() {
             for flip in [1, 0x80, 0xff] {
