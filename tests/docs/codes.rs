@@ -15,7 +15,7 @@ use syn::visit::Visit;
 const WARNINGS: [&str; 4] = ["Warning", "EstimateWarning", "Finding", "Remark"];
 
 /// Every Rust file below `src` that is no test, parsed.
-fn sources() -> Vec<(PathBuf, syn::File)> {
+pub fn sources() -> Vec<(PathBuf, syn::File)> {
     let mut files = Vec::new();
     rust(&root().join("src"), &mut files);
     files.sort();
@@ -162,10 +162,14 @@ impl<'ast> Visit<'ast> for Reader {
     }
 }
 
+/// `Code` and its like: codes of problems.
+fn is_problem_code(segment: Option<&syn::PathSegment>) -> bool {
+    segment.is_some_and(|segment| segment.ident.to_string().ends_with("Code"))
+}
+
 /// A parameter `code` that takes a warning's code; that of a problem is of a type of its own.
 fn takes_code(pattern: &syn::Pat) -> bool {
-    let is_problem =
-        |ty: &syn::Type| matches!(ty, syn::Type::Path(path) if path.path.segments.last().unwrap().ident == "Code");
+    let is_problem = |ty: &syn::Type| matches!(ty, syn::Type::Path(path) if is_problem_code(path.path.segments.last()));
     is_named(pattern, "code") && !matches!(pattern, syn::Pat::Type(typed) if is_problem(&typed.ty))
 }
 
@@ -314,7 +318,7 @@ fn in_code() -> BTreeMap<String, BTreeSet<String>> {
                 // `finding.code`: written where the finding was made.
                 syn::Expr::Field(field) => matches!(&field.member, syn::Member::Named(n) if n == "code"),
                 // `Code::Invalid`: the code of a problem.
-                syn::Expr::Path(path) => path.path.segments.len() == 2 && path.path.segments[0].ident == "Code",
+                syn::Expr::Path(path) => path.path.segments.len() == 2 && is_problem_code(path.path.segments.first()),
                 _ => false,
             };
             if let Some(code) = literal(expression) {

@@ -8,8 +8,10 @@
 mod blocks;
 mod codes;
 mod execute;
+mod kinds;
 mod links;
 mod lists;
+mod schema;
 
 use std::path::{Path, PathBuf};
 
