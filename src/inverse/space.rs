@@ -37,7 +37,7 @@ pub(super) struct Space {
 
 impl Space {
     /// The subspace of a gain, within a structure; empty where the structure leaves nothing.
-    pub fn new(gains: &Gains, structure: &Structure) -> Result<Self, NoConvergence> {
+    pub(super) fn new(gains: &Gains, structure: &Structure) -> Result<Self, NoConvergence> {
         let (n, m) = (gains.states(), gains.ports());
         let scale = natural_scale(gains);
         let (a, b, k) = (&gains.a, &gains.b * scale, &gains.k / scale);
@@ -72,7 +72,7 @@ impl Space {
 
     /// The subspace of gains in the states `x' = D⁻¹x` as one of the gains in x: `Q = D⁻¹Q'D⁻¹`. The pairs are then
     /// orthonormal in x' alone.
-    pub fn in_states(mut self, d: &DVector<f64>) -> Self {
+    pub(super) fn in_states(mut self, d: &DVector<f64>) -> Self {
         for q in &mut self.q {
             *q = DMatrix::from_fn(q.nrows(), q.ncols(), |i, j| q[(i, j)] / (d[i] * d[j]));
         }
@@ -80,27 +80,27 @@ impl Space {
     }
 
     /// The number of unknowns.
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.q.len()
     }
 
     /// The states that Q may weigh, in order.
-    pub fn weighed_states(&self) -> Vec<usize> {
+    pub(super) fn weighed_states(&self) -> Vec<usize> {
         self.support.clone().unwrap_or_else(|| (0..self.q.first().map_or(0, DMatrix::nrows)).collect())
     }
 
     /// The rows and columns of Q that the structure lets be other than zero.
-    pub fn weighed(&self, q: &DMatrix<f64>) -> DMatrix<f64> {
+    pub(super) fn weighed(&self, q: &DMatrix<f64>) -> DMatrix<f64> {
         self.support.as_ref().map_or_else(|| q.clone(), |kept| q.select_rows(kept).select_columns(kept))
     }
 
     /// The Q_i in these rows and columns.
-    pub fn weighed_terms(&self) -> Vec<DMatrix<f64>> {
+    pub(super) fn weighed_terms(&self) -> Vec<DMatrix<f64>> {
         self.q.iter().map(|q| self.weighed(q)).collect()
     }
 
     /// Q/s² and R at a point.
-    pub fn at(&self, z: &DVector<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
+    pub(super) fn at(&self, z: &DVector<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
         let sum = |terms: &[DMatrix<f64>]| {
             let mut total = DMatrix::zeros(terms[0].nrows(), terms[0].ncols());
             for (term, factor) in terms.iter().zip(z.iter()) {

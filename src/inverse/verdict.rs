@@ -47,12 +47,12 @@ pub(super) struct Units {
 
 impl Units {
     /// Of one size each.
-    pub fn uniform(space: &Space, q: f64) -> Self {
+    pub(super) fn uniform(space: &Space, q: f64) -> Self {
         Self::of_states(space, &DVector::from_element(space.q.first().map_or(0, DMatrix::nrows), q))
     }
 
     /// D_q for each state, and the units of the inputs as they are.
-    pub fn of_states(space: &Space, d: &DVector<f64>) -> Self {
+    pub(super) fn of_states(space: &Space, d: &DVector<f64>) -> Self {
         let weighed = space.weighed_states();
         let ports = space.r.first().map_or(0, DMatrix::nrows);
         Self { q: DVector::from_fn(weighed.len(), |i, _| d[weighed[i]]), r: DVector::from_element(ports, 1.0) }
@@ -60,7 +60,7 @@ impl Units {
 
     /// Such that the diagonals of these weights (Q where it is weighed) become 1, as far as they stand out from
     /// rounding.
-    pub fn balancing(q: &DMatrix<f64>, r: &DMatrix<f64>) -> Self {
+    pub(super) fn balancing(q: &DMatrix<f64>, r: &DMatrix<f64>) -> Self {
         let largest = q.diagonal().amax().max(r.diagonal().amax()).max(f64::MIN_POSITIVE);
         let unit = |m: &DMatrix<f64>| m.diagonal().map(|v| v.abs().max(ROUNDING * largest).sqrt().recip());
         Self { q: unit(q), r: unit(r) }

@@ -1,5 +1,5 @@
 //! Linear systems, matrix equations, convex programs, plants; optimal control and its inverse.
-#![allow(clippy::unwrap_used, missing_docs)]
+#![allow(clippy::unwrap_used, missing_docs, unreachable_pub)]
 
 #[path = "../support/inverse_plants.rs"]
 mod inverse_plants;

@@ -3,7 +3,7 @@
 //! Every fenced block of README.md, CONTRIBUTING.md and `docs/` says by its info string what it is ([`blocks::What`]);
 //! those that are commands or requests are executed here, in a temporary folder and against the built program. Lists
 //! that stand in the code as well (warnings, problems, settings, tolerances, kinds) are compared with it.
-#![allow(clippy::unwrap_used, missing_docs)]
+#![allow(clippy::unwrap_used, missing_docs, unreachable_pub)]
 
 mod blocks;
 mod codes;

@@ -1,6 +1,6 @@
 //! Sequences, flatness and the loop that carries them, against numbers computed independently from Qiu 2021 and by
 //! other routes.
-#![allow(clippy::unwrap_used, missing_docs)]
+#![allow(clippy::unwrap_used, missing_docs, unreachable_pub)]
 
 #[path = "../support/chapter_five.rs"]
 mod chapter_five;

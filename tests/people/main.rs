@@ -2,7 +2,7 @@
 //!
 //! `cargo test --release --test people` runs these tests and fails where the data are not. They are sought in the
 //! folder that `VOLITION_CPHS2017` names, or in `../shared/data/cphs2017`.
-#![allow(clippy::unwrap_used, missing_docs)]
+#![allow(clippy::unwrap_used, missing_docs, unreachable_pub)]
 
 #[path = "../support/round_trip.rs"]
 mod round_trip;

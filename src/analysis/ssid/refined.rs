@@ -126,7 +126,7 @@ pub(super) struct KnownNoise {
 
 impl KnownNoise {
     /// At the lines of an identification.
-    pub fn at_lines(&self, found: &Identified) -> Option<Noise> {
+    pub(super) fn at_lines(&self, found: &Identified) -> Option<Noise> {
         self.at(found.lines.iter().map(|(line, _)| line.omega_rad_s))
     }
 

@@ -41,14 +41,14 @@ pub(super) struct Task<'a> {
 
 impl Task<'_> {
     /// Whether anything must be kept beside stability.
-    pub fn is_limited(&self) -> bool {
+    pub(super) fn is_limited(&self) -> bool {
         !self.limits.motion().is_empty()
             || self.limits.disturbance_norm.is_some()
             || self.limits.decay_per_s.is_some_and(|decay| decay > 0.0)
     }
 
     /// Whether the limits are kept at a point whose loop is stable.
-    pub fn keeps(&self, x: &[f64]) -> bool {
+    pub(super) fn keeps(&self, x: &[f64]) -> bool {
         self.design.keeps(&self.space.compensator(x), self.limits)
     }
 
@@ -61,7 +61,7 @@ impl Task<'_> {
     ///
     /// # Errors
     /// [`Stopped`].
-    pub fn climb(&self, start: &[f64], spacing: &[f64]) -> Result<(Vec<f64>, f64), Stopped> {
+    pub(super) fn climb(&self, start: &[f64], spacing: &[f64]) -> Result<(Vec<f64>, f64), Stopped> {
         let mut stopped = None;
         let mut f = |x: &[f64]| {
             if let Err(reason) = self.ctl.check() {
@@ -93,7 +93,7 @@ impl Task<'_> {
     ///
     /// # Errors
     /// [`Stopped`].
-    pub fn climb_along_limits(&self, start: &[f64], spacing: &[f64]) -> Result<(Vec<f64>, f64), Stopped> {
+    pub(super) fn climb_along_limits(&self, start: &[f64], spacing: &[f64]) -> Result<(Vec<f64>, f64), Stopped> {
         let mut stopped = None;
         let mut best = (start.to_vec(), f64::NEG_INFINITY);
         let mut f = |corners: &[f64]| {

@@ -19,7 +19,7 @@ pub(super) struct Space {
 }
 
 impl Space {
-    pub fn new(region: &SearchBox) -> Self {
+    pub(super) fn new(region: &SearchBox) -> Self {
         let logs = |ends: [f64; 2]| ends.map(f64::ln);
         let mut bounds = vec![logs(region.gain)];
         if let Some([zero, pole]) = region.corners {
@@ -29,7 +29,7 @@ impl Space {
     }
 
     /// The compensator of a point.
-    pub fn compensator(&self, x: &[f64]) -> Compensator {
+    pub(super) fn compensator(&self, x: &[f64]) -> Compensator {
         if self.corners {
             // Equal corners are proportional control exactly.
             let (zero, pole) = (x[1].exp(), if self.zero_below_pole { x[2].max(x[1]) } else { x[2] }.exp());
@@ -40,13 +40,13 @@ impl Space {
     }
 
     /// Values along one unknown; one value where it is fixed.
-    pub fn axis(&self, i: usize, count: usize) -> Vec<f64> {
+    pub(super) fn axis(&self, i: usize, count: usize) -> Vec<f64> {
         let [low, high] = self.bounds[i];
         if high - low < EDGE { vec![low] } else { crate::control::bode::linear_grid(low, high, count) }
     }
 
     /// The edges that a point lies on.
-    pub fn edges(&self, x: &[f64]) -> Vec<Edge> {
+    pub(super) fn edges(&self, x: &[f64]) -> Vec<Edge> {
         let mut edges = Vec::new();
         let unknowns = [Unknown::Gain, Unknown::ZeroHz, Unknown::PoleHz];
         for (i, unknown) in unknowns.into_iter().enumerate().take(self.bounds.len()) {

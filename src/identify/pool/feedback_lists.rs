@@ -4,7 +4,7 @@ use super::factor::Factor;
 
 /// How a listed gain becomes the leading coefficient of a numerator.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Normalisation {
+pub(super) enum Normalisation {
     /// The numerators are taken as they are.
     None,
     /// A gain is the peak of |Gfb| over a band: per denominator and numerator, the peak at gain one, computed on the

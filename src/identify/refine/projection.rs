@@ -53,22 +53,22 @@ pub(super) enum Unknown {
 
 impl Unknown {
     /// The power of x that it multiplies, as a coefficient of the feedforward denominator.
-    pub fn feedforward_denominator(self) -> Option<usize> {
+    pub(super) fn feedforward_denominator(self) -> Option<usize> {
         if let Self::FeedforwardDenominator(power) = self { Some(power) } else { None }
     }
 
     /// The power of x that it multiplies, as a coefficient of the feedback numerator.
-    pub fn feedback_numerator(self) -> Option<usize> {
+    pub(super) fn feedback_numerator(self) -> Option<usize> {
         if let Self::FeedbackNumerator(power) = self { Some(power) } else { None }
     }
 
     /// The power of x that it multiplies, as a coefficient of the feedback denominator.
-    pub fn feedback_denominator(self) -> Option<usize> {
+    pub(super) fn feedback_denominator(self) -> Option<usize> {
         if let Self::FeedbackDenominator(power) = self { Some(power) } else { None }
     }
 
     /// The polynomial that it multiplies in the feedforward denominator.
-    pub fn in_feedforward(self) -> Option<Vec<f64>> {
+    pub(super) fn in_feedforward(self) -> Option<Vec<f64>> {
         match self {
             Self::FeedforwardDenominator(p) => Some(power(p)),
             _ => None,
@@ -76,7 +76,7 @@ impl Unknown {
     }
 
     /// The polynomial that it multiplies in `Dp Dfb + Np Nfb`, from the plant's polynomials in x.
-    pub fn in_loop(self, plant_numerator: &[f64], plant_denominator: &[f64]) -> Option<Vec<f64>> {
+    pub(super) fn in_loop(self, plant_numerator: &[f64], plant_denominator: &[f64]) -> Option<Vec<f64>> {
         match self {
             Self::FeedbackNumerator(p) => Some(multiply(plant_numerator, &power(p))),
             Self::FeedbackDenominator(p) => Some(multiply(plant_denominator, &power(p))),
@@ -87,12 +87,12 @@ impl Unknown {
 
 impl Layout {
     /// Whether the feedforward denominator has roots that could leave the region.
-    pub fn has_feedforward_margin(&self) -> bool {
+    pub(super) fn has_feedforward_margin(&self) -> bool {
         self.feedforward_is_free && self.feedforward_degree > 0
     }
 
     /// The unknowns, in order.
-    pub fn unknowns(&self) -> Vec<Unknown> {
+    pub(super) fn unknowns(&self) -> Vec<Unknown> {
         let mut unknowns = Vec::new();
         if self.feedforward_is_free {
             unknowns.extend((0..self.feedforward_degree).rev().map(Unknown::FeedforwardDenominator));
@@ -177,7 +177,7 @@ fn stacked(lines: usize, row: impl Fn(usize) -> Complex64) -> DVector<f64> {
 }
 
 impl<'a> Projection<'a> {
-    pub fn new(problem: &'a Problem, variable: Variable, layout: Layout, margins: Vec<Margin>) -> Self {
+    pub(super) fn new(problem: &'a Problem, variable: Variable, layout: Layout, margins: Vec<Margin>) -> Self {
         let lines = problem.lines();
         let basis = lines
             .iter()
@@ -208,7 +208,7 @@ impl<'a> Projection<'a> {
     }
 
     /// Takes delays: fixed, or free in a range.
-    pub fn set_delays(&mut self, feedback: DelayValue, feedforward: DelayValue) {
+    pub(super) fn set_delays(&mut self, feedback: DelayValue, feedforward: DelayValue) {
         let in_units = |seconds: f64| seconds * self.variable.omega;
         self.fixed_feedback_delay = in_units(feedback.start_s);
         self.fixed_feedforward_delay = in_units(feedforward.start_s);
@@ -221,11 +221,11 @@ impl<'a> Projection<'a> {
     }
 
     /// Basis functions of the numerator at a line.
-    pub fn basis_at(&self, line: usize) -> &[Complex64] {
+    pub(super) fn basis_at(&self, line: usize) -> &[Complex64] {
         &self.basis[line]
     }
 
-    pub fn parts(&self, phi: &[f64]) -> Parts {
+    pub(super) fn parts(&self, phi: &[f64]) -> Parts {
         let layout = &self.layout;
         let mut rest = phi;
         let mut take = |count: usize| {
@@ -250,7 +250,7 @@ impl<'a> Projection<'a> {
     }
 
     /// Everything at a line.
-    pub fn values(&self, parts: &Parts, k: usize) -> Values {
+    pub(super) fn values(&self, parts: &Parts, k: usize) -> Values {
         let (x, line) = (self.x[k], &self.problem.lines()[k]);
         let at = |p: &[f64]| p.iter().fold(Complex64::new(0.0, 0.0), |sum, c| sum * x + c);
         let turned = |delay: f64| Complex64::from_polar(1.0, -delay * line.omega_rad_s / self.variable.omega);
@@ -268,7 +268,7 @@ impl<'a> Projection<'a> {
     /// `∂` of `√w (model)` at a line by an unknown: the factor of the numerator's value `N`, and the part without it.
     ///
     /// The model is `factor₀ N + rest₀`, with `factor₀ = G Dfb e^{−jωτff}/(Dff L)` and `rest₀ = G Nfb e^{−jωτ}/L`.
-    pub fn derivative(&self, values: &Values, k: usize, unknown: Unknown) -> (Complex64, Complex64) {
+    pub(super) fn derivative(&self, values: &Values, k: usize, unknown: Unknown) -> (Complex64, Complex64) {
         let line = &self.problem.lines()[k];
         let (g, x) = (line.plant, self.x[k]);
         let Values { dff, nfb, dfb, l, turn, .. } = *values;
@@ -295,7 +295,7 @@ impl<'a> Projection<'a> {
     }
 
     /// `∂ ln Gff` at a line by an unknown.
-    pub fn feedforward_log_derivative(&self, values: &Values, k: usize, unknown: Unknown) -> Complex64 {
+    pub(super) fn feedforward_log_derivative(&self, values: &Values, k: usize, unknown: Unknown) -> Complex64 {
         match unknown {
             Unknown::FeedforwardDenominator(power) => {
                 -self.x[k].powu(power as u32) * self.feedforward_unit() / values.dff
@@ -306,7 +306,7 @@ impl<'a> Projection<'a> {
     }
 
     /// `∂ ln Gfb` at a line by an unknown.
-    pub fn feedback_log_derivative(&self, values: &Values, k: usize, unknown: Unknown) -> Complex64 {
+    pub(super) fn feedback_log_derivative(&self, values: &Values, k: usize, unknown: Unknown) -> Complex64 {
         match unknown {
             Unknown::FeedbackNumerator(power) => self.x[k].powu(power as u32) * values.feedback_turn / values.nfb,
             Unknown::FeedbackDenominator(power) => -self.x[k].powu(power as u32) / values.dfb,
@@ -321,12 +321,12 @@ impl<'a> Projection<'a> {
     }
 
     /// The factor of the numerator's value and the rest; see [`Projection::derivative`].
-    pub fn model(&self, values: &Values, k: usize) -> (Complex64, Complex64) {
+    pub(super) fn model(&self, values: &Values, k: usize) -> (Complex64, Complex64) {
         let g = self.problem.lines()[k].plant;
         (g * values.turn / values.dff * (values.dfb / values.l), g * values.nfb / values.l)
     }
 
-    pub fn point(&self, phi: &[f64]) -> Option<Point> {
+    pub(super) fn point(&self, phi: &[f64]) -> Option<Point> {
         let parts = self.parts(phi);
         let lines = self.problem.lines().len();
         let size = self.basis.first().map_or(0, Vec::len);
@@ -383,7 +383,7 @@ impl<'a> Projection<'a> {
     }
 
     /// The Jacobian of the residual by β and φ, none of them eliminated.
-    pub fn full(&self, point: &Point) -> DMatrix<f64> {
+    pub(super) fn full(&self, point: &Point) -> DMatrix<f64> {
         let size = point.beta.len();
         let mut jacobian = DMatrix::zeros(point.residuals.len(), size + self.unknowns.len());
         jacobian.columns_mut(0, size).copy_from(&point.a);

@@ -50,7 +50,7 @@ impl Margin {
     /// Of the polynomial `base + Σ unknownⱼ · termⱼ` in powers of x, around a start.
     ///
     /// `None` where the start is not inside the region.
-    pub fn new(
+    pub(super) fn new(
         variable: &Variable,
         margin_per_s: f64,
         base: &[f64],
@@ -77,7 +77,7 @@ impl Margin {
     }
 
     /// The number of inequalities.
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.kept.len()
     }
 
@@ -86,12 +86,12 @@ impl Margin {
     }
 
     /// Whether every root is inside.
-    pub fn holds(&self, unknowns: &[f64]) -> bool {
+    pub(super) fn holds(&self, unknowns: &[f64]) -> bool {
         first_column(&self.mapped(unknowns), None).0.iter().all(|entry| *entry > 0.0)
     }
 
     /// The inequalities, and their derivatives by the unknowns.
-    pub fn evaluate(&self, unknowns: &[f64], with_slope: bool) -> (Vec<f64>, Option<DMatrix<f64>>) {
+    pub(super) fn evaluate(&self, unknowns: &[f64], with_slope: bool) -> (Vec<f64>, Option<DMatrix<f64>>) {
         let slope = with_slope.then(|| &self.slope / self.scale);
         let (column, slope) = first_column(&self.mapped(unknowns), slope.as_ref());
         let values = self.kept.iter().zip(&self.inside).map(|(i, inside)| column[*i] - inside).collect();

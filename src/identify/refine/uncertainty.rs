@@ -153,7 +153,7 @@ pub(super) struct Deviation {
 }
 
 impl Linearised {
-    pub fn new(jacobian: &DMatrix<f64>, variance: DVector<f64>, noise: &Noise) -> Option<Self> {
+    pub(super) fn new(jacobian: &DMatrix<f64>, variance: DVector<f64>, noise: &Noise) -> Option<Self> {
         let scale = DVector::from_fn(jacobian.ncols(), |j, _| {
             let norm = jacobian.column(j).norm();
             if norm > 0.0 { norm } else { 1.0 }
@@ -185,7 +185,7 @@ impl Linearised {
     }
 
     /// The deviation of a quantity with this gradient.
-    pub fn deviation(&self, gradient: &DVector<f64>) -> Result<Deviation, Unavailable> {
+    pub(super) fn deviation(&self, gradient: &DVector<f64>) -> Result<Deviation, Unavailable> {
         let scaled = gradient.component_div(&self.scale);
         if self.undetermined.ncols() > 0 && self.undetermined.tr_mul(&scaled).norm() > UNDETERMINED * scaled.norm() {
             return Err(Unavailable::NotIdentifiable);
@@ -201,7 +201,7 @@ impl Linearised {
     }
 
     /// Degrees of freedom of a sum of parts that are proportional to the lines' variances.
-    pub fn degrees_of(&self, per_line: &[f64]) -> f64 {
+    pub(super) fn degrees_of(&self, per_line: &[f64]) -> f64 {
         if self.are_independent { effective_degrees(per_line, self.degrees) } else { self.degrees }
     }
 }

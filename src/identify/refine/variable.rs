@@ -41,14 +41,14 @@ pub(super) fn power(power: usize) -> Vec<f64> {
 }
 
 impl Variable {
-    pub fn new(time: Time, lines: &[Line]) -> Self {
+    pub(super) fn new(time: Time, lines: &[Line]) -> Self {
         let logs: Vec<f64> = lines.iter().map(|l| l.omega_rad_s).filter(|w| *w > 0.0).map(f64::ln).collect();
         let omega = crate::num::stats::mean(&logs).map_or(1.0, f64::exp);
         Self { time, omega, unit: omega * time.sample_time_s().unwrap_or(1.0) }
     }
 
     /// x at an angular frequency.
-    pub fn at(&self, omega_rad_s: f64) -> Complex64 {
+    pub(super) fn at(&self, omega_rad_s: f64) -> Complex64 {
         match self.time {
             Time::Continuous => Complex64::new(0.0, omega_rad_s / self.unit),
             Time::Sampled(time) => {
@@ -60,7 +60,7 @@ impl Variable {
     }
 
     /// A polynomial in powers of s or z, written in powers of x.
-    pub fn enter(&self, descending: &[f64]) -> Vec<f64> {
+    pub(super) fn enter(&self, descending: &[f64]) -> Vec<f64> {
         match self.time {
             Time::Continuous => stretched(descending, self.unit),
             Time::Sampled(_) => stretched(&shifted(descending, 1.0), self.unit),
@@ -68,7 +68,7 @@ impl Variable {
     }
 
     /// A polynomial in powers of x, written in powers of s or z.
-    pub fn leave(&self, descending: &[f64]) -> Vec<f64> {
+    pub(super) fn leave(&self, descending: &[f64]) -> Vec<f64> {
         match self.time {
             Time::Continuous => stretched(descending, 1.0 / self.unit),
             Time::Sampled(_) => shifted(&stretched(descending, 1.0 / self.unit), -1.0),
@@ -76,7 +76,7 @@ impl Variable {
     }
 
     /// [`Region::map`] of a polynomial in powers of x, its variable in continuous time in units of ω₀.
-    pub fn map(&self, margin_per_s: f64, descending: &[f64], degree: usize) -> Vec<f64> {
+    pub(super) fn map(&self, margin_per_s: f64, descending: &[f64], degree: usize) -> Vec<f64> {
         match self.time {
             Time::Continuous => {
                 let region = Region { time: self.time, margin: margin_per_s / self.unit };

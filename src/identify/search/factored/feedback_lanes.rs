@@ -15,40 +15,40 @@ const UNKNOWN: f64 = 1e60;
 
 /// Fields of the lanes per line, as it is filled in.
 pub(super) mod given {
-    pub const P_RE: usize = 0;
-    pub const P_IM: usize = 1;
-    pub const Z_RE: usize = 2;
-    pub const Z_IM: usize = 3;
+    pub(crate) const P_RE: usize = 0;
+    pub(crate) const P_IM: usize = 1;
+    pub(crate) const Z_RE: usize = 2;
+    pub(crate) const Z_IM: usize = 3;
     /// Radius of the logarithmic deviation of numerator and denominator together.
-    pub const RADIUS: usize = 4;
+    pub(crate) const RADIUS: usize = 4;
     /// What their directions leave over.
-    pub const REMAINDER: usize = 5;
+    pub(crate) const REMAINDER: usize = 5;
     /// Directions: of the denominator, then of the numerator, real and imaginary parts.
-    pub const DIRECTIONS: usize = 6;
-    pub const COUNT: usize = DIRECTIONS + 4 * super::DIRECTIONS;
+    pub(crate) const DIRECTIONS: usize = 6;
+    pub(crate) const COUNT: usize = DIRECTIONS + 4 * super::DIRECTIONS;
 }
 
 /// Fields of the lanes per line, as they are computed once per trial.
 pub(super) mod found {
-    pub const ES_RE: usize = 0;
-    pub const ES_IM: usize = 1;
+    pub(crate) const ES_RE: usize = 0;
+    pub(crate) const ES_IM: usize = 1;
     /// S G √weight, turned.
-    pub const SG_RE: usize = 2;
-    pub const SG_IM: usize = 3;
+    pub(crate) const SG_RE: usize = 2;
+    pub(crate) const SG_IM: usize = 3;
     /// conj(S G) (S − E) weight, turned back.
-    pub const B_RE: usize = 4;
-    pub const B_IM: usize = 5;
+    pub(crate) const B_RE: usize = 4;
+    pub(crate) const B_IM: usize = 5;
     /// |S G|² weight.
-    pub const A: usize = 6;
-    pub const S_RE: usize = 7;
-    pub const S_IM: usize = 8;
-    pub const T_RE: usize = 9;
-    pub const T_IM: usize = 10;
+    pub(crate) const A: usize = 6;
+    pub(crate) const S_RE: usize = 7;
+    pub(crate) const S_IM: usize = 8;
+    pub(crate) const T_RE: usize = 9;
+    pub(crate) const T_IM: usize = 10;
     /// |T| (ρ (1 + |Λ| + ρ/2) + e^|Λ| − 1 − |Λ| − |Λ|²/2).
-    pub const CURVATURE: usize = 11;
+    pub(crate) const CURVATURE: usize = 11;
     /// Bound of |κ|.
-    pub const KAPPA: usize = 12;
-    pub const COUNT: usize = 13;
+    pub(crate) const KAPPA: usize = 12;
+    pub(crate) const COUNT: usize = 13;
 }
 
 /// Eight clusters of feedback controllers.

@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
 /// Whether the numerator of this problem is of a degree that the kernel takes.
 #[must_use]
-pub fn can_search(problem: &Problem) -> bool {
+pub(crate) fn can_search(problem: &Problem) -> bool {
     problem.basis().even().len().max(problem.basis().odd().len()) <= LARGEST_HALF
 }
 

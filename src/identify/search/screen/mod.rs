@@ -3,7 +3,7 @@
 mod block;
 pub(crate) mod decide;
 pub mod exact;
-pub mod exhaustive;
+pub(super) mod exhaustive;
 mod kernel;
 mod near;
-pub mod optimum;
+pub(super) mod optimum;

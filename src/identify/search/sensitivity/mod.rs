@@ -2,5 +2,5 @@
 //! sensitivities, with every feedforward denominator by itself. `bound/kernel.rs` derives the bound.
 
 pub(crate) mod bound;
-pub mod build;
-pub mod search;
+pub(super) mod build;
+pub(super) mod search;

@@ -19,7 +19,7 @@ const BEAMS: usize = 8;
 
 /// Whether the kernel takes the numerator of this problem.
 #[must_use]
-pub fn can_search(problem: &Problem) -> bool {
+pub(crate) fn can_search(problem: &Problem) -> bool {
     problem.basis().even().len().max(problem.basis().odd().len()) <= LARGEST_HALF
 }
 

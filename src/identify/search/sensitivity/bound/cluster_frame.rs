@@ -15,27 +15,27 @@ const LARGEST_DEVIATION: f64 = 4.0;
 pub(super) mod field {
     use crate::identify::search::sensitivity::build::size::{DIRECTIONS as T, FAINT as F};
     /// `(E − S) √w`.
-    pub const B: usize = 0;
+    pub(crate) const B: usize = 0;
     /// `S G √w`, turned, in units of its largest modulus.
-    pub const SG: usize = 2;
+    pub(crate) const SG: usize = 2;
     /// `E √w`.
-    pub const E: usize = 4;
+    pub(crate) const E: usize = 4;
     /// Largest |κ|, and largest rest behind the leading directions.
-    pub const RADIUS: usize = 6;
-    pub const REMAINDER: usize = 7;
+    pub(crate) const RADIUS: usize = 6;
+    pub(crate) const REMAINDER: usize = 7;
     /// Square of what a member typically leaves over behind all directions.
-    pub const SCALE: usize = 8;
+    pub(crate) const SCALE: usize = 8;
     /// Conjugate of SG times B.
-    pub const TURNED_B: usize = 9;
+    pub(crate) const TURNED_B: usize = 9;
     /// Re v of each leading direction.
-    pub const REAL: usize = 11;
+    pub(crate) const REAL: usize = 11;
     /// `E √w v` of each leading direction: the real parts, then the imaginary parts, as below.
-    pub const A: [usize; 2] = [REAL + T, REAL + 2 * T];
+    pub(crate) const A: [usize; 2] = [REAL + T, REAL + 2 * T];
     /// Conjugate of SG times that.
-    pub const TURNED_A: [usize; 2] = [A[1] + T, A[1] + 2 * T];
+    pub(crate) const TURNED_A: [usize; 2] = [A[1] + T, A[1] + 2 * T];
     /// The faint directions.
-    pub const FAINT: [usize; 2] = [TURNED_A[1] + T, TURNED_A[1] + T + F];
-    pub const COUNT: usize = FAINT[1] + F;
+    pub(crate) const FAINT: [usize; 2] = [TURNED_A[1] + T, TURNED_A[1] + T + F];
+    pub(crate) const COUNT: usize = FAINT[1] + F;
 }
 
 /// Functions of the same spans that are orthonormal with these weights, as far as that goes in numbers: the normal

@@ -6,11 +6,11 @@ use pulp::{Simd, WithSimd};
 
 /// Fields per line: `(E − S) √w`, and `S G √w`, turned.
 pub(super) mod field {
-    pub const B_RE: usize = 0;
-    pub const B_IM: usize = 1;
-    pub const SG_RE: usize = 2;
-    pub const SG_IM: usize = 3;
-    pub const COUNT: usize = 4;
+    pub(crate) const B_RE: usize = 0;
+    pub(crate) const B_IM: usize = 1;
+    pub(crate) const SG_RE: usize = 2;
+    pub(crate) const SG_IM: usize = 3;
+    pub(crate) const COUNT: usize = 4;
 }
 
 /// The controllers.

@@ -2,7 +2,7 @@
 //! denominators.
 
 pub(crate) mod cluster;
-pub mod clusters;
+pub(crate) mod clusters;
 pub(crate) mod codec;
 pub(crate) mod denominators;
 mod deviations;
