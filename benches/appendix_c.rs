@@ -4,7 +4,7 @@
 //! `tests/data/virtual_subjects`; `-- --all` every trial of theirs, `-- --smoke` a thinned pool and simulated subjects,
 //! for CI. Wall time with the machine's own number of threads. It asserts only that the answers are exact; what
 //! they say about the subjects it prints.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
+#![allow(unreachable_pub, clippy::unwrap_used, clippy::print_stdout)]
 
 use flate2::read::GzDecoder;
 use serde_json::{Value, json};

@@ -3,7 +3,7 @@
 //! `cargo bench --bench brute_force` evaluates all 160 billion candidates for one noisy trial of the reference;
 //! `-- --smoke` a thinned pool. Nothing of the search is used: normal equations in single precision, several
 //! denominators at once, with a bound of their rounding; whoever might still be the best is evaluated by QR.
-#![allow(clippy::unwrap_used, clippy::print_stdout, clippy::print_stderr)]
+#![allow(unreachable_pub, clippy::unwrap_used, clippy::print_stdout, clippy::print_stderr)]
 
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;

@@ -4,7 +4,7 @@
 //! the 63-chip sequence to
 //! 1.93 times its information in 2 s, and 1,200 samples in 60 s. `-- --smoke` asserts no times and leaves the long one
 //! out.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
+#![allow(unreachable_pub, clippy::unwrap_used, clippy::print_stdout)]
 
 use std::time::Instant;
 use volition::ctl::Ctl;

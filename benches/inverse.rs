@@ -4,7 +4,7 @@
 //! m = 8 in 100 ms, n = 32, m = 8 in 2 s, each with a forward error of at most 1e-6, and the fit of Priess 2015, §3.4,
 //! to f ≤ 1.48 in 1 s. `-- --full` runs 10,000 optimal gains and 10,000 stabilising ones (about five minutes);
 //! `-- --smoke` asserts no times.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
+#![allow(unreachable_pub, clippy::unwrap_used, clippy::print_stdout)]
 
 use nalgebra::DMatrix;
 use rand::RngExt;

@@ -1,7 +1,7 @@
 //! How fast the multivariable search is: Zhang 2015, example 4.2, and larger relatives of it.
 //!
 //! `cargo bench --bench mimo`; wall time, best and median of repeated runs, with the machine's own number of threads.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
+#![allow(unreachable_pub, clippy::unwrap_used, clippy::print_stdout)]
 
 use nalgebra::DMatrix;
 use num_complex::Complex64;

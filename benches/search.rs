@@ -2,7 +2,7 @@
 //!
 //! `cargo bench --bench search` takes about a minute; `-- --smoke` some seconds, for CI: it asserts only that the
 //! machinery works, and prints what it measured. `-- --appendix-b` searches that pool in full and nothing else.
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
+#![allow(unreachable_pub, clippy::unwrap_used, clippy::print_stdout)]
 
 use rand::RngExt;
 use serde_json::{Value, json};

@@ -5,7 +5,7 @@
 //! 3.5.1, with what subjects from early to late learning would make of them and 1 to 30 % noise; the plant is that of
 //! section 3.5. They are stored in a temporary database, asked for over HTTP, and computed by a worker with all
 //! defaults (refinement included).
-#![allow(clippy::unwrap_used, clippy::print_stdout)]
+#![allow(unreachable_pub, clippy::unwrap_used, clippy::print_stdout)]
 
 use rand::RngExt;
 use serde_json::{Value, json};
