@@ -135,7 +135,13 @@ fn name_alternatives(name: &str, schema: &mut Schema) {
     for key in ["oneOf", "anyOf"] {
         let Some(Value::Array(choices)) = schema.get_mut(key) else { continue };
         for choice in choices.iter_mut().filter_map(Value::as_object_mut) {
-            if choice.contains_key("$ref") || choice.contains_key("title") {
+            if choice.contains_key("$ref") {
+                continue;
+            }
+            // Generators of clients make a type of each title, so that it begins with the name of its owner.
+            if let Some(title) = choice.get("title").and_then(Value::as_str) {
+                let whole = if title.starts_with(name) { title.to_owned() } else { format!("{name}{title}") };
+                choice.insert("title".to_owned(), json!(whole));
                 continue;
             }
             let members = choice.get("properties").and_then(Value::as_object);
@@ -164,6 +170,10 @@ fn capitalised(name: &str) -> String {
 fn plain(schema: &mut Schema) {
     describe_members(schema);
     words(schema);
+    // Generators of clients take no defaults that are objects; the description has them in words.
+    if schema.get("default").is_some_and(|default| default.is_object() || default.is_array()) {
+        schema.remove("default");
+    }
     if schema.get("type").is_some_and(|kind| kind == "object")
         && schema.get("properties").is_none()
         && schema.get("additionalProperties").is_none()

@@ -7,6 +7,7 @@ mod contract;
 mod property;
 
 mod api;
+mod clients;
 mod jobs;
 mod process;
 mod store;

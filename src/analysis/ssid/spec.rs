@@ -23,10 +23,10 @@ const MAX_CANDIDATES: [u64; 2] = [1_000_000_000_000, 2_000_000_000];
 /// How it is identified.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(extend("required" = ["pool"]))]
 pub struct SsidSpec {
     /// The candidate pool.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(required)]
     pub pool: Option<PoolSpec>,
     /// Degree of the feedforward numerator. Default: by the pool.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -22,10 +22,10 @@ const MAX_ORDER: usize = 200;
 /// How it is identified.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(extend("required" = ["pool"]))]
 pub struct SsidMimoSpec {
     /// The candidate feedback controllers.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(required)]
     pub pool: Option<MatrixPoolSpec>,
     /// Order of the FIR feedforward `Gff = B_0 + B_1/z + … + B_n/z^n`. Default 2.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -96,15 +96,20 @@ pub enum PowerProfile {
     /// Full power up to a frequency and a part of it above ("reduced power"): the person answers as to a slow signal,
     /// and the fast lines can still be read.
     #[schemars(title = "ReducedPower")]
-    Reduced {
-        /// The last frequency with full power, Hz.
-        above_hz: f64,
-        /// Power of the lines above, as a share of the others', dimensionless.
-        power_ratio: f64,
-    },
+    Reduced(ReducedPower),
     /// Amplitude of each line in units of the multisine's `amplitude`.
     #[schemars(title = "GivenAmplitudes")]
     Amplitudes(Vec<f64>),
+}
+
+/// Full power up to a frequency and a part of it above.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "MultisineReducedPower")]
+pub struct ReducedPower {
+    /// The last frequency with full power, Hz.
+    pub above_hz: f64,
+    /// Power of the lines above, as a share of the others', dimensionless.
+    pub power_ratio: f64,
 }
 
 /// A multisine as written in JSON: `x(t) = Σ a_k cos(2π n_k f₀ t + φ_k)`.
@@ -213,7 +218,7 @@ impl Multisine {
         }
         let amplitudes: Vec<f64> = match &self.power {
             PowerProfile::Flat => vec![1.0; chosen.len()],
-            PowerProfile::Reduced { above_hz, power_ratio } => {
+            PowerProfile::Reduced(ReducedPower { above_hz, power_ratio }) => {
                 if !(*power_ratio > 0.0 && *power_ratio <= 1.0) {
                     return Err(SequenceError::OutOfRange {
                         field: "generator/power/reduced/power_ratio",

@@ -2,7 +2,7 @@
 
 mod command_line;
 mod excitation;
-mod harness;
+pub mod harness;
 mod kill;
 mod restart;
 mod resume;
