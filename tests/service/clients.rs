@@ -55,7 +55,8 @@ fn a_generated_python_client_does_the_whole_round() {
         .arg(&script));
     let folder = tempfile::tempdir().unwrap();
     let server = Server::start(&folder.path().join("clients.db"), &[]);
-    let said = run(Command::new(bin.join("python")).env("PYTHONPATH", tools.join("python")).arg(script).arg(&server.url));
+    let said =
+        run(Command::new(bin.join("python")).env("PYTHONPATH", tools.join("python")).arg(script).arg(&server.url));
     assert!(said.contains("python: a study, a trial and two reports, typed"), "{said}");
 }
 
