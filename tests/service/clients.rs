@@ -53,8 +53,8 @@ fn a_generated_python_client_does_the_whole_round() {
         .args(["--strict", "--follow-imports", "silent", "--cache-dir"])
         .arg(tools.join("mypy"))
         .arg(&script));
-    let folder = tempfile::tempdir().unwrap();
-    let server = Server::start(&folder.path().join("clients.db"), &[]);
+    let databases = tempfile::tempdir().unwrap();
+    let server = Server::start(&databases.path().join("clients.db"), &[]);
     let said =
         run(Command::new(bin.join("python")).env("PYTHONPATH", tools.join("python")).arg(script).arg(&server.url));
     assert!(said.contains("python: a study, a trial and two reports, typed"), "{said}");
@@ -73,8 +73,8 @@ fn a_generated_typescript_client_does_the_whole_round() {
         std::fs::copy(root().join("tests/clients/typescript").join(file), folder.join(file)).unwrap();
     }
     run(Command::new(bin.join("tsc")).current_dir(&folder));
-    let folder = tempfile::tempdir().unwrap();
-    let server = Server::start(&folder.path().join("clients.db"), &[]);
+    let databases = tempfile::tempdir().unwrap();
+    let server = Server::start(&databases.path().join("clients.db"), &[]);
     let said = run(Command::new("node").arg(folder.join("built/round_trip.js")).arg(&server.url));
     assert!(said.contains("typescript: a study, a trial and two reports, typed"), "{said}");
 }
