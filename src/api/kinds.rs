@@ -29,7 +29,8 @@ pub(crate) struct KindView {
     summary: String,
     /// Name and version of its result's form, as `schema` in reports.
     schema: String,
-    /// A request that succeeds within seconds.
+    /// A request that succeeds within seconds, as the schema of `links.request` has it.
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
     example: Request,
     /// Where its schemas are.
     links: KindLinks,

@@ -170,10 +170,9 @@ fn capitalised(name: &str) -> String {
 fn plain(schema: &mut Schema) {
     describe_members(schema);
     words(schema);
-    // Generators of clients take no defaults that are objects; the description has them in words.
-    if schema.get("default").is_some_and(|default| default.is_object() || default.is_array()) {
-        schema.remove("default");
-    }
+    // A generator of clients takes a field with a default for one that is always there, in requests too; descriptions
+    // have the defaults in words.
+    schema.remove("default");
     if schema.get("type").is_some_and(|kind| kind == "object")
         && schema.get("properties").is_none()
         && schema.get("additionalProperties").is_none()
