@@ -1,7 +1,7 @@
 //! Clients that others' tools generate from the committed document: they compile, and do the whole round.
 //!
-//! The tools come from `tests/clients/install`; without them these tests are left out and say so on standard error, past
-//! what the test harness captures.
+//! The tools come from `tests/clients/install`; without them these tests are left out and say so on standard error,
+//! past what the test harness captures.
 
 use crate::process::harness::Server;
 use std::io::Write as _;

@@ -104,7 +104,7 @@ fn run_takes_matrices_of_frequency_data() {
         })
         .collect();
     let mut document = json!({
-        "kind": "ssid",
+        "kind": "ssid_mimo",
         "inputs": {
             "plant": {"transfer_functions": [[{"num": [0.4], "den": [1.0, -0.9]}]], "sample_time_s": 1.0},
             "frequency_response": {"omega_rad_s": omega, "h": h}
@@ -115,7 +115,7 @@ fn run_takes_matrices_of_frequency_data() {
     let output = run(&document.to_string());
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!((&report["kind"], &report["schema"]), (&json!("ssid"), &json!("volition.ssid_mimo/1")));
+    assert_eq!((&report["kind"], &report["schema"]), (&json!("ssid_mimo"), &json!("volition.ssid_mimo/1")));
     assert_eq!(report["result"]["feedback"]["numerator"], json!([[[0.5]]]));
     let feedforward: Vec<f64> =
         serde_json::from_value(report["result"]["feedforward"]["numerator"][0][0].clone()).unwrap();
