@@ -138,10 +138,9 @@ impl From<ConditionError> for InverseError {
 /// Decides whether weights exist for which the gain is optimal, and finds the best conditioned ones.
 ///
 /// 1. t*, scaled: weights exist where it is positive. Where it is small, other units show it better; between ±1e-7 it
-/// decides nothing.
+///    decides nothing.
 /// 2. Where it is positive, `min α` with `I ⪯ blkdiag(Q, R) ⪯ αI` (eq. (3.12), (3.13)); of several weights those of
-/// least Frobenius
-///    norm.
+///    least Frobenius norm.
 /// 3. The forward Riccati equation of these weights must return the gain.
 ///
 /// # Errors

@@ -1,6 +1,6 @@
 //! The search for the most likely parameters.
 
-use super::likelihood::{Evaluation, Experiment};
+use super::experiment::{Evaluation, Experiment};
 use super::noise::Noise;
 use crate::ctl::{Ctl, Stopped};
 use crate::num::least_squares::{self, LeastSquares, LeastSquaresError, Options};

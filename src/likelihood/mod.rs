@@ -16,8 +16,8 @@
 //! as the model.
 
 pub mod estimate;
+pub mod experiment;
 pub mod innovation;
-pub mod likelihood;
 pub mod model;
 pub mod noise;
 pub mod residuals;
@@ -25,7 +25,7 @@ pub mod starts;
 pub mod uncertainty;
 
 pub use estimate::{Estimate, FitError, Settings, fit};
+pub use experiment::{Experiment, ExperimentError, Record};
 pub use innovation::Innovation;
-pub use likelihood::{Experiment, ExperimentError, Record};
 pub use model::LoopModel;
 pub use noise::Noise;

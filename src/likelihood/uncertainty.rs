@@ -4,7 +4,7 @@
 //! Its inverse is the covariance of θ̂, enlarged by `N p/(N p − q)` for the q unknowns that Σ̂ was estimated after.
 
 use super::estimate::Estimate;
-use super::likelihood::Experiment;
+use super::experiment::Experiment;
 use super::noise::Noise;
 use crate::num::distributions::student_t;
 use nalgebra::DMatrix;

@@ -195,11 +195,9 @@ impl Room {
             return Ok(());
         }
         for needed in ["bash", "curl"] {
-            if kept.contains("curl ") || needed == "bash" {
-                if found(needed).is_none() {
-                    tally.left_out(format!("commands, since there is no {needed} here"));
-                    return Ok(());
-                }
+            if (kept.contains("curl ") || needed == "bash") && found(needed).is_none() {
+                tally.left_out(format!("commands, since there is no {needed} here"));
+                return Ok(());
             }
         }
         let state = self.folder.path().join("state");

@@ -1,6 +1,6 @@
 //! What a person does, from recordings: frequency responses, subsystem identification, two stimuli, gains by
 //! likelihood.
-#![allow(clippy::unwrap_used, missing_docs, unreachable_pub)]
+#![allow(clippy::print_stdout, clippy::unwrap_used, missing_docs, unreachable_pub)]
 
 #[path = "../support/virtual_subjects.rs"]
 mod virtual_subjects;

@@ -110,6 +110,8 @@ impl<G, I> Ldl<G, I> {
     {
         let Self { gram, inverse } = self;
         let inverse = inverse.as_mut();
+        // The index walks through both matrices; n may be less than their size.
+        #[allow(clippy::needless_range_loop)]
         for j in 0..n {
             let diagonal = gram.at(j, j);
             let mut pivot = diagonal;
@@ -190,8 +192,8 @@ mod tests {
             let n = self.right.len();
             let mut half = Half::<Packed<S, f64>, 6>::new(Packed::of(simd, 0.0));
             let mut r = [Packed::of(simd, 0.0); 6];
-            for i in 0..n {
-                r[i] = Packed::of(simd, self.right[i]);
+            for (i, r) in r.iter_mut().enumerate().take(n) {
+                *r = Packed::of(simd, self.right[i]);
                 for j in 0..=i {
                     half.gram[i][j] = Packed::of(simd, self.gram[(i, j)]);
                 }
