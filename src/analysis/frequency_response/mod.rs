@@ -4,7 +4,7 @@
 //! {"kind": "frequency_response", "inputs": {"trials": ["ID", "ID"]},
 //!  "spec": {"lines": "excited", "segments": [{"start_s": 5, "end_s": 25}, {"start_s": 25, "end_s": 45}]}}
 //! ```
-//! Inputs are those of [`trial_input`](super::trial_input); a plant is not needed. The formulas are those of
+//! Inputs are those of [`trials`](super::inputs::trials); a plant is not needed. The formulas are those of
 //! [`response`](crate::response).
 
 use super::contract::{Analysis, Failure, Outcome, Part};
