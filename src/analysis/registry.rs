@@ -4,7 +4,7 @@ use super::contract::{Analysis, Failure, Inputs as _, Part as _, Samples};
 use super::inputs::library::{Library, References};
 use super::kind::{Kind, Request};
 use super::problem::{Code, Problem};
-use super::report::{Provenance, Report, Warning, sha256_json};
+use super::report::{Provenance, Report, Warning};
 use crate::ctl::Ctl;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer};
@@ -295,12 +295,6 @@ impl Plan {
     #[must_use]
     pub fn request(&self) -> Request {
         self.0.request()
-    }
-
-    /// SHA-256 of the spec with every default filled in: requests with equal hashes are computed in the same way.
-    #[must_use]
-    pub fn spec_sha256(&self) -> String {
-        sha256_json(&self.request().spec)
     }
 
     /// Computes the report. Deterministic but for the times, which the caller adds.

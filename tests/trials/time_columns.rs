@@ -84,7 +84,7 @@ fn jitter_below_two_percent_passes_and_above_does_not() {
     let jittered = |share: f64| -> Vec<f64> {
         (0..1000).map(|i| (f64::from(i) + if i % 7 == 3 { share } else { 0.0 }) * 0.01).collect()
     };
-    assert!(with_times(&jittered(0.019)).is_ok());
+    assert_eq!(with_times(&jittered(0.019)).map(|trial| trial.samples()).ok(), Some(1000));
     assert!(matches!(defect(&jittered(0.021)), TimeDefect::Jitter { sample: 3, rows: 143, .. }));
 }
 
