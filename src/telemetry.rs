@@ -19,8 +19,10 @@ pub enum LogFormat {
 /// Starts logging for the process. `VOLITION_LOG` chooses what is logged: a level, or levels by target
 /// (`info,volition::api=debug`).
 pub fn start(format: LogFormat, default_level: &str) {
-    let asked = std::env::var("VOLITION_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
-    let filter = asked.unwrap_or_else(|| default_level.parse().unwrap_or_default());
+    let asked = std::env::var("VOLITION_LOG").ok();
+    let read = asked.as_deref().map(str::parse::<Targets>);
+    let unreadable = matches!(&read, Some(Err(_)));
+    let filter = read.and_then(Result::ok).unwrap_or_else(|| default_level.parse().unwrap_or_default());
     let registry = tracing_subscriber::registry().with(filter);
     let started = match format {
         LogFormat::Text => registry.with(tracing_subscriber::fmt::layer().with_writer(std::io::stderr)).try_init(),
@@ -30,4 +32,7 @@ pub fn start(format: LogFormat, default_level: &str) {
     };
     // A second start in one process (tests) keeps the first subscriber.
     drop(started);
+    if unreadable {
+        tracing::warn!("VOLITION_LOG is no filter and is passed over; write a level, or levels by target");
+    }
 }
