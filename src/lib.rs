@@ -55,6 +55,8 @@ pub mod likelihood;
 pub mod num;
 pub mod person;
 pub mod plants;
+#[cfg(test)]
+mod published;
 pub mod response;
 pub mod simulate;
 pub mod store;

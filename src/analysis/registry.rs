@@ -276,7 +276,9 @@ impl Plan {
     /// # Errors
     /// A [`Problem`] that names the field by its JSON pointer.
     pub fn parse(request: &Request) -> Result<Self, Problem> {
-        (find(&request.kind)?.check)(request).map(Self)
+        let plan = (find(&request.kind)?.check)(request).map(Self)?;
+        published::request(request);
+        Ok(plan)
     }
 
     /// The kind.
@@ -305,8 +307,24 @@ impl Plan {
     /// [`Failure::Stopped`] or [`Failure::Interrupted`] when `ctl` says so, [`Failure::Problem`] when the inputs cannot
     /// answer the question.
     pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
-        self.0.run(library, ctl)
+        let report = self.0.run(library, ctl)?;
+        published::report(&report);
+        Ok(report)
     }
+}
+
+/// The unit tests hold every request that is understood and every report against the published document.
+#[cfg(test)]
+use crate::published;
+
+/// Nothing is held against the published document outside the tests.
+#[cfg(not(test))]
+mod published {
+    use super::{Report, Request};
+
+    pub(super) const fn request(_: &Request) {}
+
+    pub(super) const fn report(_: &Report) {}
 }
 
 impl fmt::Debug for Plan {

@@ -73,13 +73,17 @@ pub(crate) struct AnalysisView {
     links: AnalysisLinks,
 }
 
-/// How far an analysis is, in units of its own choosing, as of the last word from its worker.
+/// How far an analysis is, as of the last word from its worker.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "Progress")]
 pub(crate) struct ProgressView {
-    /// Units finished.
+    /// The share of the whole that is done, from 0 to 1. It never falls while an attempt goes on.
+    fraction: f64,
+    /// What the computation is at, or was at when it was stopped; null before it began and after it succeeded.
+    phase: Option<Phase>,
+    /// Units of the present count that are finished (candidates, trials, frequencies).
     done: u64,
-    /// Units in all; 0 while that is not known.
+    /// Units of the present count in all; 0 while that is not known.
     total: u64,
     /// Seconds left; null while that is not known.
     eta_s: Option<f64>,
@@ -153,6 +157,8 @@ impl AnalysisView {
             status: record.status,
             attempts: record.attempts,
             progress: ProgressView {
+                fraction: record.progress.fraction,
+                phase: (!matches!(record.status, Status::Queued | Status::Succeeded)).then_some(record.progress.phase),
                 done: record.progress.done,
                 total: record.progress.total,
                 eta_s: record.eta_s,

@@ -138,10 +138,13 @@ fn stop_on_ctrl_c(ctl: Arc<Ctl>) -> std::io::Result<()> {
     Ok(())
 }
 
+/// How finely the progress bar is divided.
+const PERMILLE: u64 = 1000;
+
 /// A progress bar on standard error (hidden where that is no terminal), fed from `ctl` by a thread of its own.
 fn watch(ctl: &Arc<Ctl>) -> ProgressBar {
-    let bar = ProgressBar::new(0);
-    if let Ok(style) = ProgressStyle::with_template("{bar:40} {percent:>3} %  {human_pos}/{human_len}  {eta} left") {
+    let bar = ProgressBar::new(PERMILLE);
+    if let Ok(style) = ProgressStyle::with_template("{bar:40} {percent:>3} %  {msg}  {eta} left") {
         bar.set_style(style);
     }
     let (shown, ctl) = (bar.clone(), Arc::clone(ctl));
@@ -149,10 +152,9 @@ fn watch(ctl: &Arc<Ctl>) -> ProgressBar {
     let _ = std::thread::Builder::new().name("progress".to_owned()).spawn(move || {
         while !shown.is_finished() {
             let progress = ctl.progress();
-            if progress.total > 0 {
-                shown.set_length(progress.total);
-                shown.set_position(progress.done);
-            }
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            shown.set_position((progress.fraction * PERMILLE as f64) as u64);
+            shown.set_message(progress.phase.name());
             std::thread::sleep(Duration::from_millis(100));
         }
     });

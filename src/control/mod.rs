@@ -6,7 +6,7 @@ pub mod bode;
 pub mod conversion;
 pub mod delay;
 pub mod discretise;
-pub(crate) mod doubled;
+pub(crate) mod double_double;
 pub mod exponential;
 pub mod lqg;
 pub mod lyapunov;

@@ -2,7 +2,7 @@
 
 use super::conversion::{self, ConversionError};
 use super::discretise::Propagation;
-use super::doubled::Doubled;
+use super::double_double::DoubleDouble;
 use super::state_space::StateSpace;
 use super::time_base::{BadSampleTime, Continuous, Discrete};
 use super::transfer_function::TransferFunction;
@@ -67,7 +67,7 @@ pub enum Hold {
 
 /// The output of a sampled system at rest to an input, sample by sample.
 ///
-/// Transposed direct form II with the delay line in doubled precision, so the result is that of the coefficients as
+/// Transposed direct form II with the delay line in double-double precision, so the result is that of the coefficients as
 /// given; plain `f64` loses six digits on a plant of fourth order at 500 Hz.
 ///
 /// # Errors
@@ -90,7 +90,7 @@ pub(crate) struct DelayLine {
     /// Numerator and denominator in descending powers, equally long.
     num: Vec<f64>,
     den: Vec<f64>,
-    states: Vec<Doubled>,
+    states: Vec<DoubleDouble>,
 }
 
 impl DelayLine {
@@ -101,7 +101,7 @@ impl DelayLine {
         }
         let mut padded = vec![0.0; den.degree() - num.degree()];
         padded.extend_from_slice(num.coefficients());
-        Ok(Self { num: padded, den: den.coefficients().to_vec(), states: vec![Doubled::default(); den.degree()] })
+        Ok(Self { num: padded, den: den.coefficients().to_vec(), states: vec![DoubleDouble::default(); den.degree()] })
     }
 
     /// The direct gain from input to output within a sample.
@@ -110,12 +110,12 @@ impl DelayLine {
     }
 
     /// The part of the coming output that the past has fixed already.
-    pub(crate) fn pending(&self) -> Doubled {
+    pub(crate) fn pending(&self) -> DoubleDouble {
         self.states.first().copied().unwrap_or_default().div(self.den[0])
     }
 
     /// Takes an input and gives the output of the same sample.
-    pub(crate) fn step(&mut self, input: Doubled) -> Doubled {
+    pub(crate) fn step(&mut self, input: DoubleDouble) -> DoubleDouble {
         let first = self.states.first().copied().unwrap_or_default();
         let output = input.mul(self.num[0]).add(first).div(self.den[0]);
         for i in 0..self.states.len() {

@@ -2,12 +2,14 @@
 //!
 //! A kernel calls [`Ctl::check`] often enough to stop within half a second and reports its progress with
 //! [`Ctl::set_total`] and [`Ctl::advance`]; a search for a smallest cost tells with [`Ctl::set_bracket`] how near it
-//! is. Whoever waits calls [`Ctl::stop`], [`Ctl::progress`] and [`Ctl::bracket`]. There is no clock here: a deadline is
+//! is. Whoever calls several kernels names the phases of the whole with [`Ctl::enter`]. Whoever waits calls [`Ctl::stop`], [`Ctl::progress`] and [`Ctl::bracket`]. There is no clock here: a deadline is
 //! somebody with a clock calling `stop(StopReason::Deadline)`.
 
 mod bracket;
+mod progress;
 
 pub use bracket::Bracket;
+pub use progress::{Phase, Progress, UnknownPhase};
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -30,22 +32,25 @@ pub enum StopReason {
 #[error("stopped before the end ({0:?})")]
 pub struct Stopped(pub StopReason);
 
-/// How far a computation has come, in units of its own choosing (candidates, trials, frequencies).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Progress {
-    /// Units finished.
-    pub done: u64,
-    /// Units in all; 0 while it is not known yet.
-    pub total: u64,
-}
-
 /// Shared between the threads of one computation and its watcher.
 #[derive(Debug, Default)]
 pub struct Ctl {
     stop: AtomicU8,
+    /// Units finished; counted by every thread, so apart from the rest.
     done: AtomicU64,
-    total: AtomicU64,
+    course: Mutex<Course>,
     bracket: Mutex<Option<Bracket>>,
+}
+
+/// Where in the whole computation the present count stands.
+#[derive(Debug, Default)]
+struct Course {
+    /// The present phase, with what was said of it last.
+    progress: Progress,
+    /// Whether a phase was entered; until then there is one that covers everything.
+    entered: bool,
+    /// The present count is part `.0` of `.1` alike in the phase.
+    part: (u64, u64),
 }
 
 impl Ctl {
@@ -75,10 +80,29 @@ impl Ctl {
         }
     }
 
+    /// Begins a phase that takes about `share` of the whole computation's time, from 0 to 1; the phase before is over.
+    pub fn enter(&self, phase: Phase, share: f64) {
+        let mut course = held(&self.course);
+        let from = if course.entered { course.progress.to } else { 0.0 };
+        let to = (from + share.max(0.0)).min(1.0);
+        let fraction = course.progress.fraction.max(from);
+        self.done.store(0, Ordering::Relaxed);
+        *course =
+            Course { progress: Progress { phase, done: 0, total: 0, from, to, fraction }, entered: true, part: (0, 1) };
+    }
+
+    /// Says that the counts to come are part `index` (from 0) of `parts` of like length in the present phase.
+    pub fn part(&self, index: u64, parts: u64) {
+        held(&self.course).part = (index.min(parts), parts.max(1));
+        self.set_total(0);
+    }
+
     /// Says how many units there are in all, and starts counting from none.
     pub fn set_total(&self, total: u64) {
+        // Under the lock, so that nobody sees the units of one count in the total of another.
+        let mut course = held(&self.course);
         self.done.store(0, Ordering::Relaxed);
-        self.total.store(total, Ordering::Relaxed);
+        course.progress.total = total;
     }
 
     /// Says that `units` more are finished.
@@ -88,34 +112,40 @@ impl Ctl {
 
     /// How far the computation has come.
     #[must_use]
+    #[allow(clippy::cast_precision_loss)]
     pub fn progress(&self) -> Progress {
-        let total = self.total.load(Ordering::Relaxed);
-        Progress { done: self.done.load(Ordering::Relaxed).min(total), total }
+        let mut course = held(&self.course);
+        let (index, parts) = (course.part.0 as f64, course.part.1.max(1) as f64);
+        let progress = &mut course.progress;
+        progress.done = self.done.load(Ordering::Relaxed).min(progress.total);
+        let within = ((index + progress::share(progress.done, progress.total)) / parts).min(1.0);
+        progress.fraction = progress.fraction.max(progress.from + (progress.to - progress.from) * within);
+        *progress
     }
 
     /// Forgets the bracket: a new search begins. Whoever calls a search does this, the search itself only tells.
     pub fn begin_search(&self) {
-        *self.held() = None;
+        *held(&self.bracket) = None;
     }
 
     /// Adds what a search has found and proven to what is known: the incumbent only falls (its index with it), the
     /// bound only rises. What is no number is passed over. Takes a lock, so not for every candidate.
     pub fn set_bracket(&self, bracket: Bracket) {
         let Some(bracket) = bracket.checked() else { return };
-        let mut held = self.held();
-        *held = Some(held.map_or(bracket, |before| before.and(bracket)));
+        let mut known = held(&self.bracket);
+        *known = Some(known.map_or(bracket, |before| before.and(bracket)));
     }
 
     /// How near the search under way is, or the last one was; `None` before anything is found.
     #[must_use]
     pub fn bracket(&self) -> Option<Bracket> {
-        *self.held()
+        *held(&self.bracket)
     }
+}
 
-    fn held(&self) -> MutexGuard<'_, Option<Bracket>> {
-        // A plain value: whole whenever the lock is free.
-        self.bracket.lock().unwrap_or_else(PoisonError::into_inner)
-    }
+/// A lock on plain values, which are whole whenever it is free.
+fn held<T>(lock: &Mutex<T>) -> MutexGuard<'_, T> {
+    lock.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
@@ -137,7 +167,36 @@ mod tests {
         ctl.set_total(10);
         ctl.advance(7);
         ctl.advance(7);
-        assert_eq!(ctl.progress(), Progress { done: 10, total: 10 });
+        assert_eq!(ctl.progress(), Progress::of_units(10, 10));
+    }
+
+    #[test]
+    fn the_fraction_of_the_whole_never_falls() {
+        let ctl = Ctl::new();
+        assert_eq!(ctl.progress(), Progress::default());
+        ctl.enter(Phase::Preparation, 0.25);
+        ctl.set_total(4);
+        ctl.advance(2);
+        assert_eq!(
+            ctl.progress(),
+            Progress { phase: Phase::Preparation, done: 2, total: 4, from: 0.0, to: 0.25, fraction: 0.125 }
+        );
+        ctl.enter(Phase::Search, 0.5);
+        assert_eq!((ctl.progress().done, ctl.progress().total, ctl.progress().fraction), (0, 0, 0.25));
+        for part in 0..2 {
+            ctl.part(part, 2);
+            ctl.set_total(10);
+            ctl.advance(5);
+            assert_eq!(ctl.progress().fraction, 0.25 + 0.5 * (part as f64 + 0.5) / 2.0);
+        }
+        // A count that begins again, with nothing said of parts.
+        ctl.set_total(1000);
+        assert_eq!(ctl.progress().fraction, 0.625);
+        ctl.enter(Phase::Fit, 3.0);
+        assert_eq!((ctl.progress().from, ctl.progress().to), (0.75, 1.0));
+        ctl.set_total(1);
+        ctl.advance(1);
+        assert_eq!(ctl.progress().fraction, 1.0);
     }
 
     #[test]

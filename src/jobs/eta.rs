@@ -2,13 +2,15 @@
 
 use crate::ctl::Progress;
 
-/// Estimates the time left from the mean rate since the present count began.
+/// Estimates the time left from two rates: that of the present phase since it began, for what is left of it, and that
+/// of the whole since the beginning, for the phases to come.
 ///
-/// A computation may count several times over (a phase of lines, then a phase of candidates): when the total changes or
-/// the count goes back, a new phase began at the latest observation at which the old one was still going, and its rate
-/// is measured from there. Times are microseconds of whatever clock the caller has; the estimator has none.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The shares of phases are estimates; what is left of the present phase does not depend on them. A new phase began at
+/// the latest observation of the one before. Times are microseconds of whatever clock the caller has; the estimator has
+/// none.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EtaEstimator {
+    began_us: i64,
     phase_began_us: i64,
     observed_us: i64,
     progress: Progress,
@@ -18,41 +20,43 @@ impl EtaEstimator {
     /// An estimator for work that begins now.
     #[must_use]
     pub fn begin(at_us: i64) -> Self {
-        Self { phase_began_us: at_us, observed_us: at_us, progress: Progress::default() }
+        Self::resume(at_us, at_us, at_us, Progress::default())
     }
 
     /// An estimator as it was when it was last stored.
     #[must_use]
-    pub fn resume(phase_began_us: i64, observed_us: i64, progress: Progress) -> Self {
-        Self { phase_began_us, observed_us, progress }
+    pub fn resume(began_us: i64, phase_began_us: i64, observed_us: i64, progress: Progress) -> Self {
+        Self { began_us, phase_began_us, observed_us, progress }
     }
 
     /// Takes note of how far the work is.
     pub fn observe(&mut self, at_us: i64, progress: Progress) {
-        if progress.total != self.progress.total || progress.done < self.progress.done {
+        if (progress.phase, progress.from) != (self.progress.phase, self.progress.from) {
             self.phase_began_us = self.observed_us;
         }
         self.observed_us = at_us;
         self.progress = progress;
     }
 
-    /// When the present count began.
+    /// When the present phase began.
     #[must_use]
     pub(crate) fn phase_began_us(&self) -> i64 {
         self.phase_began_us
     }
 
-    /// Seconds left, `elapsed · (total − done)/done`; `None` while nothing is known: no total, nothing done yet, or a
-    /// clock that went backwards.
+    /// Seconds left, `t_p (p₁ − f)/(f − p₀) + t (1 − p₁)/f`, for the fraction f, a phase from p₀ to p₁ that has taken
+    /// t_p, and a whole that has taken t; `None` while nothing is known: nothing done yet, or a clock that went
+    /// backwards.
     #[must_use]
     #[allow(clippy::cast_precision_loss)]
     pub fn eta_s(&self) -> Option<f64> {
-        let Progress { done, total } = self.progress;
-        let elapsed_us = self.observed_us.saturating_sub(self.phase_began_us);
-        if done == 0 || done > total || elapsed_us <= 0 {
+        let Progress { from, to, fraction, .. } = self.progress;
+        let seconds = |since_us: i64| self.observed_us.saturating_sub(since_us) as f64 * 1e-6;
+        let (whole, phase) = (seconds(self.began_us), seconds(self.phase_began_us));
+        if !(fraction > from && phase > 0.0 && whole > 0.0) {
             return None;
         }
-        Some(elapsed_us as f64 * 1e-6 * ((total - done) as f64 / done as f64))
+        Some(phase * (to - fraction).max(0.0) / (fraction - from) + whole * (1.0 - to) / fraction)
     }
 }
 

@@ -1,7 +1,7 @@
 //! How far identified controllers are from the inverse dynamics (Zhang 2015, sections 3.6 and 5.7).
 
 use super::quadrature::{NoIntegral, Sample, mean};
-use crate::control::doubled::Doubled;
+use crate::control::double_double::DoubleDouble;
 use crate::control::{System, TimeBase as _};
 use crate::num::Polynomial;
 use num_complex::Complex64;
@@ -14,7 +14,7 @@ const SAME_SAMPLE_TIME: f64 = 1e-9;
 /// Band averages of moduli, `‖X‖ = 1/(ω₂ − ω₁) ∫_{ω₁}^{ω₂} |X(jω)| dω` (sampled: `X(e^{jωT})`).
 ///
 /// Zhang 2015, section 3.6 (first two) and section 5.7 (first and third). Computed by adaptive 7/15-point Gauss–Kronrod
-/// quadrature until the estimated error is below 1e-9 of the value, from responses evaluated in doubled precision.
+/// quadrature until the estimated error is below 1e-9 of the value, from responses evaluated in double-double precision.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ControllerMetrics {
     /// ‖Gfb‖, in units of u per unit of error; null where it is infinite.
@@ -186,7 +186,7 @@ fn quotient((num, den): (Complex64, Complex64)) -> Complex64 {
 
 /// Numerator and denominator at the angular frequency `omega`.
 ///
-/// Evaluated in doubled precision: the FIR feedforward that inverts a plant sampled at 50 Hz has coefficients of 10⁸
+/// Evaluated in double-double precision: the FIR feedforward that inverts a plant sampled at 50 Hz has coefficients of 10⁸
 /// that cancel to 1 at the frequencies of interest, and plain Horner would leave noise of 10⁻⁸ in which no quadrature
 /// converges.
 pub(super) fn fraction(system: &System, omega: f64) -> (Complex64, Complex64) {
@@ -197,9 +197,9 @@ pub(super) fn fraction(system: &System, omega: f64) -> (Complex64, Complex64) {
     (evaluate(system.num(), x), evaluate(system.den(), x))
 }
 
-/// The value of a polynomial by Horner's rule in doubled precision.
+/// The value of a polynomial by Horner's rule in double-double precision.
 fn evaluate(polynomial: &Polynomial, x: Complex64) -> Complex64 {
-    let (mut re, mut im) = (Doubled::default(), Doubled::default());
+    let (mut re, mut im) = (DoubleDouble::default(), DoubleDouble::default());
     for c in polynomial.coefficients() {
         let product_re = re.mul(x.re).sub(im.mul(x.im));
         im = re.mul(x.im).add(im.mul(x.re));

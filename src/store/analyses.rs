@@ -38,6 +38,18 @@ pub(super) fn bracket(row: &SqliteRow) -> StoreResult<Option<Bracket>> {
     Ok(Some(Bracket { incumbent, bound: get(row, "lower_bound")?, index: unsigned(row, "incumbent_index")? }))
 }
 
+/// How far a computation is.
+pub(super) fn progress(row: &SqliteRow) -> StoreResult<Progress> {
+    Ok(Progress {
+        phase: parsed(row, "phase")?,
+        done: unsigned(row, "progress_done")?,
+        total: unsigned(row, "progress_total")?,
+        from: get(row, "phase_from")?,
+        to: get(row, "phase_to")?,
+        fraction: get(row, "fraction")?,
+    })
+}
+
 impl Noun for AnalysisRecord {
     type Id = AnalysisId;
     const NAME: &'static str = "analysis";
@@ -45,9 +57,9 @@ impl Noun for AnalysisRecord {
     // Everything but the report, which can be large.
     const SELECT: &'static str =
         "SELECT n.id, n.study_id, n.kind, n.request, n.request_sha256, n.spec_sha256, n.status,
-            n.attempts, n.cancel_requested, n.progress_done, n.progress_total, n.incumbent_cost, n.incumbent_index,
-            n.lower_bound, n.incumbent, n.eta_s, n.problem, n.version, n.created_at, n.started_at, n.finished_at,
-            n.updated_at
+            n.attempts, n.cancel_requested, n.progress_done, n.progress_total, n.phase, n.phase_from, n.phase_to,
+            n.fraction, n.incumbent_cost, n.incumbent_index, n.lower_bound, n.incumbent, n.eta_s, n.problem,
+            n.version, n.created_at, n.started_at, n.finished_at, n.updated_at
          FROM analyses n";
 
     fn from_row(row: &SqliteRow) -> StoreResult<Self> {
@@ -59,7 +71,7 @@ impl Noun for AnalysisRecord {
             spec_sha256: get(row, "spec_sha256")?,
             status: status(row)?,
             attempts: attempts(row)?,
-            progress: Progress { done: unsigned(row, "progress_done")?, total: unsigned(row, "progress_total")? },
+            progress: progress(row)?,
             bracket: bracket(row)?,
             incumbent: json_opt(row, "incumbent")?,
             eta_s: get(row, "eta_s")?,

@@ -4,7 +4,7 @@ use super::analyses::{attempts, job};
 use super::clock::span_us;
 use super::error::{StoreError, StoreResult};
 use super::open::Store;
-use super::records::{Claim, Held, Lease, Rescued, Standing};
+use super::records::{Claim, Heartbeat, Lease, LeaseState, Rescued};
 use super::rows::{get, json_opt, json_verified, parsed, sha256, signed, to_json, unsigned};
 use crate::analysis::ids::AnalysisId;
 use crate::analysis::{Code, Problem, Report};
@@ -23,6 +23,10 @@ const LEAVE_RUNNING: &str = "UPDATE analyses SET
             WHEN $3 = 'queued' THEN 0 ELSE progress_done END,
         progress_total = CASE WHEN $3 = 'succeeded' THEN max(progress_total, 1)
             WHEN $3 = 'queued' THEN 0 ELSE progress_total END,
+        fraction = CASE $3 WHEN 'succeeded' THEN 1 WHEN 'queued' THEN 0 ELSE fraction END,
+        phase = CASE WHEN $3 IN ('failed', 'cancelled') THEN phase ELSE 'computing' END,
+        phase_from = CASE WHEN $3 IN ('failed', 'cancelled') THEN phase_from ELSE 0 END,
+        phase_to = CASE WHEN $3 IN ('failed', 'cancelled') THEN phase_to ELSE 1 END,
         incumbent_cost = CASE WHEN $3 IN ('failed', 'cancelled') THEN incumbent_cost END,
         incumbent_index = CASE WHEN $3 IN ('failed', 'cancelled') THEN incumbent_index END,
         lower_bound = CASE WHEN $3 IN ('failed', 'cancelled') THEN lower_bound END,
@@ -42,8 +46,8 @@ macro_rules! running_where {
     ($condition:literal) => {
         concat!(
             "SELECT id, status, attempts, cancel_requested, worker, available_at, lease_token, progress_done,
-                progress_total, progress_at, phase_began_at, eta_s, incumbent_cost, incumbent_index, lower_bound,
-                incumbent
+                progress_total, phase, phase_from, phase_to, fraction, started_at, progress_at, phase_began_at, eta_s,
+                incumbent_cost, incumbent_index, lower_bound, incumbent
              FROM analyses WHERE status = 'running' AND ",
             $condition
         )
@@ -143,8 +147,8 @@ impl Store {
         let row = sqlx::query(
             "UPDATE analyses SET status = 'running', attempts = attempts + 1, lease_token = $1, lease_expires_at = $2,
                 worker = $3, started_at = $4, progress_done = 0, progress_total = 0, progress_at = $4,
-                phase_began_at = $4, eta_s = NULL, incumbent_cost = NULL, incumbent_index = NULL, lower_bound = NULL,
-                incumbent = NULL, version = version + 1, updated_at = $4
+                phase = 'computing', phase_from = 0, phase_to = 1, fraction = 0, phase_began_at = $4, eta_s = NULL,
+                incumbent_cost = NULL, incumbent_index = NULL, lower_bound = NULL, incumbent = NULL, version = version + 1, updated_at = $4
              WHERE id = (SELECT id FROM analyses WHERE status = 'queued' AND available_at <= $4
                          ORDER BY available_at, id LIMIT 1)
                AND status = 'queued'
@@ -160,26 +164,30 @@ impl Store {
         row.map(|row| Ok((Lease { analysis: parsed(&row, "id")?, token }, row))).transpose()
     }
 
-    /// Extends the lease and writes how far the work is; `Held::Lost` when the lease is somebody else's or the row is
-    /// gone.
+    /// Extends the lease and writes how far the work is; `LeaseState::Lost` when the lease is somebody else's or the
+    /// row is gone.
     ///
     /// The version (ETag) changes only when what people see changes.
     ///
     /// # Errors
     /// The database's own.
-    pub async fn heartbeat(&self, lease: &Lease, standing: impl Into<Standing>, lease_s: f64) -> StoreResult<Held> {
-        let Standing { progress, bracket, incumbent } = standing.into();
+    pub async fn heartbeat(
+        &self,
+        lease: &Lease,
+        heartbeat: impl Into<Heartbeat>,
+        lease_s: f64,
+    ) -> StoreResult<LeaseState> {
+        let Heartbeat { progress, bracket, incumbent } = heartbeat.into();
         // No pool that is searched has so many candidates; another index would be a wrong one.
         let bracket = bracket.and_then(Bracket::checked).filter(|bracket| i64::try_from(bracket.index).is_ok());
         let incumbent = incumbent.filter(|_| bracket.is_some());
         let mut tx = self.begin().await?;
-        let Some(row) = held(&mut tx, lease).await? else { return Ok(Held::Lost) };
+        let Some(row) = held(&mut tx, lease).await? else { return Ok(LeaseState::Lost) };
         let now = self.now_us();
-        let progress = Progress { done: progress.done.min(progress.total), total: progress.total };
-        let before = Progress { done: unsigned(&row, "progress_done")?, total: unsigned(&row, "progress_total")? };
-        let phase_began: Option<i64> = get(&row, "phase_began_at")?;
-        let observed: Option<i64> = get(&row, "progress_at")?;
-        let mut eta = EtaEstimator::resume(phase_began.unwrap_or(now), observed.unwrap_or(now), before);
+        let progress = Progress { done: progress.done.min(progress.total), ..progress };
+        let before = super::analyses::progress(&row)?;
+        let time = |column| get::<Option<i64>>(&row, column).map(|time| time.unwrap_or(now));
+        let mut eta = EtaEstimator::resume(time("started_at")?, time("phase_began_at")?, time("progress_at")?, before);
         eta.observe(now, progress);
         let eta_before: Option<f64> = get(&row, "eta_s")?;
         let seen_to_change = progress != before
@@ -189,7 +197,8 @@ impl Store {
         sqlx::query(
             "UPDATE analyses SET lease_expires_at = $3, progress_done = $4, progress_total = $5, progress_at = $6,
                 phase_began_at = $7, eta_s = $8, incumbent_cost = $10, incumbent_index = $11, lower_bound = $12,
-                incumbent = $13, version = version + $9, updated_at = CASE WHEN $9 > 0 THEN $6 ELSE updated_at END
+                incumbent = $13, phase = $14, phase_from = $15, phase_to = $16, fraction = $17,
+                version = version + $9, updated_at = CASE WHEN $9 > 0 THEN $6 ELSE updated_at END
              WHERE id = $1 AND status = 'running' AND lease_token = $2",
         )
         .bind(lease.analysis.to_string())
@@ -205,18 +214,22 @@ impl Store {
         .bind(bracket.map(|bracket| signed(bracket.index)))
         .bind(bracket.map(|bracket| bracket.bound))
         .bind(incumbent.map(|incumbent| to_json(&incumbent)).transpose()?)
+        .bind(progress.phase.name())
+        .bind(progress.from)
+        .bind(progress.to)
+        .bind(progress.fraction)
         .execute(&mut *tx)
         .await?;
         let cancel: bool = get(&row, "cancel_requested")?;
         tx.commit().await?;
-        Ok(if cancel { Held::CancelRequested } else { Held::Yes })
+        Ok(if cancel { LeaseState::CancelRequested } else { LeaseState::Held })
     }
 
     /// What a heartbeat would learn, without extending the lease: a read, cheap enough to ask several times a second.
     ///
     /// # Errors
     /// The database's own.
-    pub async fn peek(&self, lease: &Lease) -> StoreResult<Held> {
+    pub async fn peek(&self, lease: &Lease) -> StoreResult<LeaseState> {
         let cancel: Option<bool> = sqlx::query_scalar(
             "SELECT cancel_requested FROM analyses WHERE id = $1 AND status = 'running' AND lease_token = $2",
         )
@@ -225,9 +238,9 @@ impl Store {
         .fetch_optional(self.readers())
         .await?;
         Ok(match cancel {
-            None => Held::Lost,
-            Some(true) => Held::CancelRequested,
-            Some(false) => Held::Yes,
+            None => LeaseState::Lost,
+            Some(true) => LeaseState::CancelRequested,
+            Some(false) => LeaseState::Held,
         })
     }
 

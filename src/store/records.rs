@@ -373,9 +373,9 @@ pub struct Claim {
     pub attempt: u32,
 }
 
-/// How far a worker is.
+/// How far a worker is, as it tells the store while it holds a lease.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Standing {
+pub struct Heartbeat {
     /// Units finished, and in all.
     pub progress: Progress,
     /// How near its search is.
@@ -384,7 +384,7 @@ pub struct Standing {
     pub incumbent: Option<Incumbent>,
 }
 
-impl Standing {
+impl Heartbeat {
     /// As a computation tells it.
     #[must_use]
     pub fn of(ctl: &Ctl) -> Self {
@@ -392,7 +392,7 @@ impl Standing {
     }
 }
 
-impl From<Progress> for Standing {
+impl From<Progress> for Heartbeat {
     fn from(progress: Progress) -> Self {
         Self { progress, ..Self::default() }
     }
@@ -400,9 +400,9 @@ impl From<Progress> for Standing {
 
 /// What a heartbeat learned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Held {
+pub enum LeaseState {
     /// Still ours.
-    Yes,
+    Held,
     /// Still ours, and somebody asked for it to be cancelled.
     CancelRequested,
     /// Not ours any more.

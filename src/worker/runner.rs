@@ -13,8 +13,8 @@ use tokio::task::{Id, JoinError, JoinSet};
 use tokio::time::{Instant, sleep, timeout_at};
 use tokio_util::sync::CancellationToken;
 
-/// How long computations are given to notice that they should stop. Kernels look at least twice a second.
-const STOP_GRACE: Duration = Duration::from_secs(5);
+/// How long outcomes may take to be written once every computation has stopped or was left behind.
+const WRITE_GRACE: Duration = Duration::from_secs(1);
 
 /// The longest pause after database errors.
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
@@ -182,7 +182,8 @@ impl Worker {
         for control in running.controls.values() {
             control.stop(StopReason::Shutdown);
         }
-        running.settle_until(Instant::now() + STOP_GRACE, &mut account).await;
+        let grace = Duration::from_secs_f64(self.settings.stop_grace_s) + WRITE_GRACE;
+        running.settle_until(Instant::now() + grace, &mut account).await;
         account.abandoned += running.tasks.len();
         account
     }

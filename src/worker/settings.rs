@@ -23,6 +23,9 @@ pub struct WorkerSettings {
     pub max_attempts: u32,
     /// Seconds that running analyses are given to finish at shutdown. Default 10.
     pub drain_s: f64,
+    /// Seconds that a computation is given to notice that it was told to stop. Kernels look several times a second; one
+    /// that does not is left behind, so that it does not hold up the queue. Default 5.
+    pub stop_grace_s: f64,
     /// Seconds that an analysis may take in all; null (the default) for no limit.
     pub deadline_s: Option<f64>,
 }
@@ -38,6 +41,7 @@ impl Default for WorkerSettings {
             poll_s: 1.0,
             max_attempts: 5,
             drain_s: 10.0,
+            stop_grace_s: 5.0,
             deadline_s: None,
         }
     }
@@ -75,6 +79,9 @@ impl WorkerSettings {
         }
         if !(0.0..=86_400.0).contains(&self.drain_s) {
             return bad("drain_s", format!("must be from 0 to 86400, not {}", self.drain_s));
+        }
+        if !(0.001..=3600.0).contains(&self.stop_grace_s) {
+            return bad("stop_grace_s", format!("must be from 0.001 to 3600, not {}", self.stop_grace_s));
         }
         if let Some(deadline_s) = self.deadline_s
             && !(0.001..=1e8).contains(&deadline_s)

@@ -7,14 +7,17 @@ use crate::analysis::ids::AnalysisId;
 use crate::analysis::{Code, Failure, Incumbent, Library, Problem, References, Report};
 use crate::ctl::{Ctl, StopReason, Stopped};
 use crate::jobs::LeasePolicy;
-use crate::store::{Claim, Held, Lease, Standing, Store, StoreError};
+use crate::store::{Claim, Heartbeat, Lease, LeaseState, Store, StoreError};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep};
 
-/// How often cancellation is looked for: a read, so cheaper than a heartbeat.
-const PEEK: Duration = Duration::from_millis(500);
+/// How often cancellation is looked for: a read of some microseconds. What is cancelled is to stop within half a second.
+const PEEK: Duration = Duration::from_millis(100);
+
+/// How long to wait before the inputs are read again; longer each time.
+const FETCH_PAUSE: Duration = Duration::from_millis(500);
 
 /// How often reading the inputs is tried while the database fails in a way that may pass.
 const FETCH_TRIES: u32 = 4;
@@ -68,6 +71,10 @@ impl Attendant {
             tokio::select! {
                 biased;
                 outcome = &mut computing => outcome,
+                reason = self.unanswered(&ctl) => {
+                    tracing::error!(analysis = %id, ?reason, "a computation does not stop; it is left behind");
+                    Outcome::Stopped(reason, None)
+                }
                 // Never ends on its own.
                 () = &mut keeping => Outcome::Stopped(StopReason::Withdrawn, None),
             }
@@ -75,6 +82,21 @@ impl Attendant {
         let ended = self.write(&lease, outcome, &ctl).await;
         tracing::info!(analysis = %id, ?ended, "analysis ended");
         ended
+    }
+
+    /// Waits until the computation was told to stop and has not answered for as long as it is given.
+    async fn unanswered(&self, ctl: &Ctl) -> StopReason {
+        loop {
+            sleep(PEEK).await;
+            if ctl.check().is_err() {
+                break;
+            }
+        }
+        sleep(Duration::from_secs_f64(self.settings.stop_grace_s)).await;
+        match ctl.check() {
+            Err(Stopped(reason)) => reason,
+            Ok(()) => unreachable!("nobody takes back a stop"),
+        }
     }
 
     async fn compute(&self, claim: Claim, ctl: Arc<Ctl>) -> Outcome {
@@ -133,7 +155,7 @@ impl Attendant {
             tried += 1;
             if error.is_transient() && tried < FETCH_TRIES {
                 tracing::warn!(analysis = %id, %error, "the inputs could not be read; trying again");
-                sleep(PEEK * tried).await;
+                sleep(FETCH_PAUSE * tried).await;
                 continue;
             }
             tracing::error!(analysis = %id, %error, "the inputs could not be read");
@@ -171,13 +193,13 @@ impl Attendant {
                     ctl.stop(StopReason::Deadline);
                     continue;
                 }
-                _ = beats.tick() => self.store.heartbeat(lease, Standing::of(ctl), self.settings.lease_s).await,
+                _ = beats.tick() => self.store.heartbeat(lease, Heartbeat::of(ctl), self.settings.lease_s).await,
                 _ = peeks.tick() => self.store.peek(lease).await,
             };
             match held {
-                Ok(Held::Yes) => {}
-                Ok(Held::CancelRequested) => ctl.stop(StopReason::Cancelled),
-                Ok(Held::Lost) => ctl.stop(StopReason::Withdrawn),
+                Ok(LeaseState::Held) => {}
+                Ok(LeaseState::CancelRequested) => ctl.stop(StopReason::Cancelled),
+                Ok(LeaseState::Lost) => ctl.stop(StopReason::Withdrawn),
                 // The computation goes on: if the lease does run out meanwhile, the fence keeps its outcome away.
                 Err(error) => {
                     tracing::warn!(analysis = %lease.analysis, %error, "no sign of life could be given; trying again");
@@ -209,7 +231,7 @@ impl Attendant {
     async fn write_once(&self, lease: &Lease, outcome: &Outcome, ctl: &Ctl) -> Result<Ended, StoreError> {
         if let Outcome::Stopped(StopReason::Cancelled | StopReason::Deadline, incumbent) = outcome {
             // How far it came stays with it.
-            let last = Standing { incumbent: incumbent.as_deref().cloned(), ..Standing::of(ctl) };
+            let last = Heartbeat { incumbent: incumbent.as_deref().cloned(), ..Heartbeat::of(ctl) };
             self.store.heartbeat(lease, last, self.settings.lease_s).await?;
         }
         let finished = |held: bool| if held { Ended::Finished } else { Ended::Lost };

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
-use volition::convex::boxed::{BoxedError, GAP, Outcome, Program, Solution};
+use volition::convex::box_lp::{BoxLpError, GAP, Outcome, Program, Solution};
 use volition::convex::conic::{self, Affine};
 use volition::ctl::{Ctl, StopReason};
 use volition::num::rng;
@@ -108,14 +108,14 @@ fn what_is_no_program_is_refused() {
     let refused = |program: Program| program.solve(GAP, &Ctl::new()).unwrap_err();
     let mut wrong = good.clone();
     wrong.bounds[1][2] = wrong.bounds[0][2];
-    assert!(matches!(refused(wrong), BoxedError::Empty { part: "bounds", index: 2, .. }));
+    assert!(matches!(refused(wrong), BoxLpError::Empty { part: "bounds", index: 2, .. }));
     let mut wrong = good.clone();
     wrong.limits[0][1] = f64::NEG_INFINITY;
-    assert_eq!(refused(wrong), BoxedError::NotFinite);
+    assert_eq!(refused(wrong), BoxLpError::NotFinite);
     let mut wrong = good.clone();
     wrong.cost = DVector::zeros(2);
-    assert_eq!(refused(wrong), BoxedError::Size { part: "cost", found: 2, expected: 3 });
+    assert_eq!(refused(wrong), BoxLpError::Size { part: "cost", found: 2, expected: 3 });
     let ctl = Ctl::new();
     ctl.stop(StopReason::Cancelled);
-    assert!(matches!(good.solve(GAP, &ctl), Err(BoxedError::Stopped(_))));
+    assert!(matches!(good.solve(GAP, &ctl), Err(BoxLpError::Stopped(_))));
 }

@@ -4,6 +4,10 @@
 
 #[path = "../support/chapter_five.rs"]
 mod chapter_five;
+// Its other half is for what goes over HTTP.
+#[allow(dead_code)]
+#[path = "../support/contract.rs"]
+mod contract;
 
 mod compensator;
 mod flatness;

@@ -1,5 +1,6 @@
 //! The kinds `excitation_quality` and `compensator_design` as requests and reports.
 
+use crate::contract::contract;
 use crate::support::{DRIVE, SIGNAL, close, design, made, run};
 use serde_json::{Value, json};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -292,7 +293,7 @@ fn it_stops_when_asked_and_repeats_to_the_byte() {
     let ctl = Ctl::new();
     ctl.stop(StopReason::Cancelled);
     assert!(matches!(plan.run(&Library::default(), &ctl), Err(Failure::Stopped(_))));
-    let one = plan.run(&Library::default(), &Ctl::new()).unwrap();
+    let one = contract().run(&request, &Library::default(), &Ctl::new()).unwrap();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let two = pool.install(|| plan.run(&Library::default(), &Ctl::new()).unwrap());
     assert_eq!((one.provenance.result_sha256, one.provenance.seed), (two.provenance.result_sha256, Some(8)));
@@ -330,13 +331,14 @@ fn every_kind_stops_when_asked_and_counts_to_its_end() {
         ("robust_input_design", json!({"axis": "axial_rotation"}), short, 6),
     ];
     for (kind, inputs, spec, seed) in cases {
-        let plan = Plan::parse(&Request { kind: kind.to_owned(), inputs, spec }).unwrap();
+        let request = Request { kind: kind.to_owned(), inputs, spec };
+        let plan = Plan::parse(&request).unwrap();
         let ctl = Ctl::new();
         ctl.stop(StopReason::Cancelled);
         let stopped = plan.run(&Library::default(), &ctl);
         assert!(matches!(stopped, Err(Failure::Stopped(Stopped(StopReason::Cancelled)))), "{kind}");
         let ctl = Ctl::new();
-        let report = plan.run(&Library::default(), &ctl).unwrap();
+        let report = contract().run(&request, &Library::default(), &ctl).unwrap();
         let progress = ctl.progress();
         assert!(progress.done == progress.total && progress.total > 0, "{kind} {progress:?}");
         assert_eq!(report.provenance.seed, Some(seed), "{kind}");

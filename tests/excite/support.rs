@@ -1,5 +1,6 @@
 //! What the tests have in common: the reference, sequences, a run without a server, the linear drive.
 
+use crate::contract::contract;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -56,11 +57,11 @@ pub fn gamma(sequence: &Sequence, to_hz: f64) -> f64 {
 }
 
 pub fn run(kind: &str, inputs: Value, spec: Value) -> Result<Report, Problem> {
-    let plan = Plan::parse(&Request { kind: kind.to_owned(), inputs, spec })?;
+    let request = Request { kind: kind.to_owned(), inputs, spec };
     // What a report says about its spec leads to the same plan.
-    let again = Plan::parse(&plan.request()).unwrap();
-    assert_eq!(again.request(), plan.request());
-    match plan.run(&Library::default(), &Ctl::new()) {
+    let canonical = Plan::parse(&request)?.request();
+    assert_eq!(Plan::parse(&canonical).unwrap().request(), canonical);
+    match contract().run(&request, &Library::default(), &Ctl::new()) {
         Ok(report) => Ok(report),
         Err(Failure::Problem(problem)) => Err(problem),
         Err(Failure::Stopped(stopped) | Failure::Interrupted { stopped, .. }) => panic!("{stopped}"),

@@ -2,6 +2,10 @@
 //! likelihood.
 #![allow(clippy::print_stdout, clippy::unwrap_used, missing_docs, unreachable_pub)]
 
+// Its other half is for what goes over HTTP.
+#[allow(dead_code)]
+#[path = "../support/contract.rs"]
+mod contract;
 #[path = "../support/virtual_subjects.rs"]
 mod virtual_subjects;
 

@@ -1,11 +1,12 @@
 //! Subsystem identification on virtual subjects made by another simulator.
 
+use crate::contract::contract;
 use flate2::read::GzDecoder;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::PathBuf;
-use volition::analysis::{Failure, Library, Plan, Report, Request};
+use volition::analysis::{Failure, Library, Report, Request};
 use volition::ctl::Ctl;
 use volition::trial::{csv, write};
 
@@ -18,7 +19,7 @@ fn inline(path: PathBuf) -> Value {
 fn identify(trial: Value, plant: &Value, spec: &Value) -> Result<Report, Failure> {
     let request =
         Request { kind: "ssid".to_owned(), inputs: json!({"trial": trial, "plant": plant}), spec: spec.clone() };
-    Plan::parse(&request)?.run(&Library::default(), &Ctl::new())
+    contract().run(&request, &Library::default(), &Ctl::new())
 }
 
 fn number(report: &Report, pointer: &str) -> f64 {

@@ -4,6 +4,10 @@
 //! folder that `VOLITION_CPHS2017` names, or in `../shared/data/cphs2017`.
 #![allow(clippy::unwrap_used, missing_docs, unreachable_pub)]
 
+// Its other half is for what goes over HTTP.
+#[allow(dead_code)]
+#[path = "../support/contract.rs"]
+mod contract;
 #[path = "../support/round_trip.rs"]
 mod round_trip;
 

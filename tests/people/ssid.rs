@@ -1,16 +1,17 @@
 //! Subsystem identification of recorded people.
 
+use crate::contract::contract;
 use crate::recordings::{folder, read};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use volition::analysis::{Code, Failure, Library, Plan, Report, Request};
+use volition::analysis::{Code, Failure, Library, Report, Request};
 use volition::ctl::Ctl;
 use volition::trial::write;
 
 fn identify(trial: Value, plant: &Value, spec: &Value) -> Result<Report, Failure> {
     let request =
         Request { kind: "ssid".to_owned(), inputs: json!({"trial": trial, "plant": plant}), spec: spec.clone() };
-    Plan::parse(&request)?.run(&Library::default(), &Ctl::new())
+    contract().run(&request, &Library::default(), &Ctl::new())
 }
 
 /// Every trial with a command is identified; every other is refused because its command carries no power.

@@ -3,7 +3,7 @@
 use crate::property::from_seed;
 use proptest::prelude::*;
 use std::time::Duration;
-use volition::ctl::Progress;
+use volition::ctl::{Phase, Progress};
 use volition::jobs::{Backoff, EtaEstimator, Event, Job, LeasePolicy, Status, run_eta_s};
 
 const DIED: Event = Event::WorkerDied { max_attempts: 3 };
@@ -131,7 +131,7 @@ proptest! {
     ) {
         let mut eta = EtaEstimator::begin(0);
         for (at, done, total) in observations {
-            eta.observe(at, Progress { done, total });
+            eta.observe(at, Progress::of_units(done, total));
             if let Some(seconds) = eta.eta_s() {
                 prop_assert!(seconds.is_finite() && seconds >= 0.0);
             }
@@ -153,29 +153,36 @@ fn waits_of_different_jobs_differ() {
 fn nothing_is_known_before_something_is_done() {
     let mut eta = EtaEstimator::begin(0);
     assert_eq!(eta.eta_s(), None);
-    eta.observe(1_000_000, Progress { done: 0, total: 0 });
+    eta.observe(1_000_000, Progress::of_units(0, 0));
     assert_eq!(eta.eta_s(), None);
-    eta.observe(2_000_000, Progress { done: 0, total: 10 });
+    eta.observe(2_000_000, Progress::of_units(0, 10));
     assert_eq!(eta.eta_s(), None);
     // The count began no earlier than the last time it was seen not to have begun.
-    eta.observe(4_000_000, Progress { done: 5, total: 10 });
+    eta.observe(4_000_000, Progress::of_units(5, 10));
     assert_eq!(eta.eta_s(), Some(3.0));
-    eta.observe(5_000_000, Progress { done: 10, total: 10 });
+    eta.observe(5_000_000, Progress::of_units(10, 10));
     assert_eq!(eta.eta_s(), Some(0.0));
     // A clock that went back says nothing.
-    eta.observe(-1, Progress { done: 10, total: 10 });
+    eta.observe(-1, Progress::of_units(10, 10));
     assert_eq!(eta.eta_s(), None);
 }
 
 #[test]
-fn a_new_phase_is_measured_on_its_own() {
+fn a_phase_is_measured_on_its_own_and_later_ones_by_the_whole() {
+    let phase = |phase, from, to, fraction| Progress { phase, from, to, fraction, ..Progress::default() };
     let mut eta = EtaEstimator::begin(0);
-    eta.observe(100_000_000, Progress { done: 100, total: 100 });
-    eta.observe(101_000_000, Progress { done: 10, total: 1000 });
-    assert_eq!(eta.eta_s(), Some(99.0));
-    // The same total, counted from the start again.
-    eta.observe(103_000_000, Progress { done: 4, total: 1000 });
-    assert_eq!(eta.eta_s(), Some(2.0 * 996.0 / 4.0));
+    // Preparation was thought to take a tenth, and takes 100 s.
+    eta.observe(50_000_000, phase(Phase::Preparation, 0.0, 0.1, 0.05));
+    assert_eq!(eta.eta_s(), Some(50.0 + 50.0 * 0.9 / 0.05));
+    eta.observe(100_000_000, phase(Phase::Preparation, 0.0, 0.1, 0.1));
+    // The search is quicker than that; what is left of it is told by its own rate.
+    eta.observe(110_000_000, phase(Phase::Search, 0.1, 1.0, 0.55));
+    let left = eta.eta_s().unwrap();
+    assert!((left - 10.0).abs() < 1e-9, "{left}");
+    // A phase that has just begun says nothing yet.
+    eta.observe(120_000_000, phase(Phase::Search, 0.1, 1.0, 1.0));
+    eta.observe(121_000_000, phase(Phase::Fit, 1.0, 1.0, 1.0));
+    assert_eq!(eta.eta_s(), None);
 }
 
 #[test]

@@ -125,6 +125,33 @@ async fn a_deadline_is_a_problem() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_computation_that_does_not_stop_holds_up_nobody() {
+    let bench = Bench::new().await;
+    let (began, has_began) = channel();
+    let (go_on, may_go_on) = channel::<()>();
+    let (began, may_go_on) = (Mutex::new(began), Mutex::new(may_go_on));
+    // Asks nobody whether it should stop.
+    bench.script("deaf", move |_, _| {
+        began.lock().unwrap().send(()).unwrap();
+        let _ = may_go_on.lock().unwrap().recv();
+        Ok(report("too late"))
+    });
+    bench.script("ok", |_, _| Ok(report("done")));
+    let deaf = bench.queue("deaf").await;
+    let next = bench.queue("ok").await;
+    let worker = bench.start(WorkerSettings { stop_grace_s: 0.1, ..quick() });
+    hear(has_began).await;
+    bench.store.request_cancel(deaf).await.unwrap();
+    assert_eq!(bench.finished(deaf).await.status, Status::Cancelled);
+    assert_eq!(bench.finished(next).await.status, Status::Succeeded);
+    // What it computed in the end changes nothing.
+    go_on.send(()).unwrap();
+    assert_eq!(worker.stop().await, Drained::default());
+    assert_eq!(bench.store.analysis(deaf).await.unwrap().status, Status::Cancelled);
+    bench.assert_nothing_left().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn what_a_stopped_search_had_found_stays() {
     let bench = Bench::new().await;
     let (go_on, may_go_on) = channel::<()>();
@@ -177,14 +204,14 @@ async fn progress_and_eta_can_be_watched() {
     });
     let id = bench.queue("count").await;
     let worker = bench.start(quick());
-    let first = bench.until(id, |record| record.progress == Progress { done: 10, total: 40 }).await;
+    let first = bench.until(id, |record| record.progress == Progress::of_units(10, 40)).await;
     let second = bench.until(id, |record| record.eta_s > first.eta_s).await;
     assert!(second.eta_s.unwrap() > 0.0);
     go_on.send(()).unwrap();
-    bench.until(id, |record| record.progress == Progress { done: 20, total: 40 }).await;
+    bench.until(id, |record| record.progress == Progress::of_units(20, 40)).await;
     go_on.send(()).unwrap();
     let done = bench.finished(id).await;
-    assert_eq!((done.progress, done.eta_s), (Progress { done: 40, total: 40 }, None));
+    assert_eq!((done.progress, done.eta_s), (Progress::of_units(40, 40), None));
     worker.stop().await;
 }
 
@@ -352,6 +379,7 @@ async fn settings_that_cannot_work_are_refused_by_field() {
         ("heartbeat_s", |s| s.heartbeat_s = s.lease_s),
         ("poll_s", |s| s.poll_s = f64::NAN),
         ("max_attempts", |s| s.max_attempts = 0),
+        ("stop_grace_s", |s| s.stop_grace_s = 0.0),
         ("deadline_s", |s| s.deadline_s = Some(0.0)),
     ];
     for (field, spoil) in cases {

@@ -4,6 +4,8 @@ use jsonschema::{Draft, Validator};
 use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::sync::{Arc, LazyLock, Mutex};
+use volition::analysis::{Failure, Library, Plan, Report, Request};
+use volition::ctl::Ctl;
 
 static CONTRACT: LazyLock<Contract> = LazyLock::new(Contract::new);
 
@@ -73,6 +75,18 @@ impl Contract {
         let routes = self.document["paths"].as_object()?.iter().filter(|(route, _)| fits(route));
         let (route, item) = routes.min_by_key(|(route, _)| route.matches('{').count())?;
         item.get(method.to_lowercase()).map(|operation| (route.as_str(), operation))
+    }
+
+    /// Computes what a request asks for, and fails unless it and its report are as the document says.
+    ///
+    /// # Errors
+    /// Those of [`Plan::parse`] and [`Plan::run`].
+    pub fn run(&self, request: &Request, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
+        let plan = Plan::parse(request)?;
+        self.assert_component("Request", &json!(request));
+        let report = plan.run(library, ctl)?;
+        self.assert_component("Report", &json!(report));
+        Ok(report)
     }
 
     #[track_caller]

@@ -11,7 +11,7 @@
 use super::information::{Criterion, Information, factor};
 use super::limits::{Broken, Limits};
 use super::step::{Row, Step, step};
-use crate::convex::boxed::BoxedError;
+use crate::convex::box_lp::BoxLpError;
 use crate::ctl::{Ctl, Stopped};
 use nalgebra::DMatrix;
 use std::collections::BTreeSet;
@@ -86,16 +86,16 @@ pub enum ClimbError {
     Undetermined,
     /// A linear program could not be set up: a number overflows.
     #[error("a step could not be computed: {0}")]
-    Program(BoxedError),
+    Program(BoxLpError),
     /// Somebody asked to stop.
     #[error(transparent)]
     Stopped(#[from] Stopped),
 }
 
-impl From<BoxedError> for ClimbError {
-    fn from(error: BoxedError) -> Self {
+impl From<BoxLpError> for ClimbError {
+    fn from(error: BoxLpError) -> Self {
         match error {
-            BoxedError::Stopped(stopped) => Self::Stopped(stopped),
+            BoxLpError::Stopped(stopped) => Self::Stopped(stopped),
             error => Self::Program(error),
         }
     }

@@ -18,7 +18,7 @@
 //! optimum of the whole.
 
 use super::limits::{Limits, lagged};
-use crate::convex::boxed::{self, BoxedError};
+use crate::convex::box_lp::{self, BoxLpError};
 use crate::ctl::Ctl;
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeSet;
@@ -199,7 +199,7 @@ impl Rows<'_> {
 /// the step before back; these are replaced by those that hold this one back.
 ///
 /// # Errors
-/// [`BoxedError`]; never `Empty`.
+/// [`BoxLpError`]; never `Empty`.
 ///
 /// # Panics
 /// If gradient and input differ in length, which is a mistake of the caller.
@@ -210,7 +210,7 @@ pub fn step(
     radius: f64,
     active: &mut BTreeSet<Row>,
     ctl: &Ctl,
-) -> Result<Step, BoxedError> {
+) -> Result<Step, BoxLpError> {
     let n = u.len();
     assert_eq!(gradient.len(), n, "a gradient of the input");
     let power = lagged(u, 0);
@@ -238,7 +238,7 @@ pub fn step(
             rows.write(kept[*index].row, column.as_mut_slice());
         }
         let limit = |side: usize| DVector::from_iterator(m, taken.iter().map(|i| kept[*i].range[side]));
-        let program = boxed::Program {
+        let program = box_lp::Program {
             cost: cost.clone(),
             bounds: [lower.clone(), upper.clone()],
             rows: transposed.transpose(),

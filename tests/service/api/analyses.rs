@@ -122,7 +122,7 @@ async fn progress_is_what_the_worker_says_and_has_its_etag() {
     let path = format!("/v1/analyses/{}", server.post("/v1/analyses", &request(&trial)).await.id(202));
     let queued = server.get(&path).await.header("etag").to_owned();
     let claim = server.store.claim("test", 60.0).await.unwrap().unwrap();
-    server.store.heartbeat(&claim.lease, Progress { done: 3, total: 12 }, 60.0).await.unwrap();
+    server.store.heartbeat(&claim.lease, Progress::of_units(3, 12), 60.0).await.unwrap();
     let changed = server.send(server.request("GET", &path).header("if-none-match", &queued)).await;
     let running = changed.json(200);
     assert_eq!((&running["status"], &running["attempts"]), (&json!("running"), &json!(1)));

@@ -49,7 +49,7 @@ async fn an_analysis_is_followed_to_its_end() {
             ("status", "queued", _) => claim = server.store.claim("test", 60.0).await.unwrap(),
             ("status", "running", 0) => {
                 let lease = &claim.as_ref().unwrap().lease;
-                server.store.heartbeat(lease, Progress { done: 5, total: 10 }, 60.0).await.unwrap();
+                server.store.heartbeat(lease, Progress::of_units(5, 10), 60.0).await.unwrap();
             }
             ("progress", "running", 5) => {
                 assert!(server.store.release(&claim.as_ref().unwrap().lease).await.unwrap());

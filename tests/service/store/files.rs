@@ -457,7 +457,7 @@ async fn a_large_database_is_scrubbed_later_but_surely() {
     assert_eq!(owed(&path).await, 0);
     assert!(!holds(&bytes(&path), "who-goes"));
     assert_eq!(store.trial_signals(large_id).await.unwrap(), large.trial);
-    assert_eq!(store.peek(&lease).await.unwrap(), volition::store::Held::Yes);
+    assert_eq!(store.peek(&lease).await.unwrap(), volition::store::LeaseState::Held);
     // Small again: the next deletion is scrubbed before it returns, and the space is given back.
     store.delete::<TrialRecord>(large_id, None).await.unwrap();
     store.scrub().await.unwrap();

@@ -4,7 +4,7 @@ use volition::analysis::Incumbent;
 use volition::analysis::ids::AnalysisId;
 use volition::ctl::{Bracket, Progress};
 use volition::jobs::Status;
-use volition::store::{AnalysisFilter, AnalysisRecord, Held, Lease, Standing};
+use volition::store::{AnalysisFilter, AnalysisRecord, Heartbeat, Lease, LeaseState};
 
 const LEASE_S: f64 = 15.0;
 
@@ -38,7 +38,7 @@ async fn success_stores_the_exact_bytes() {
     assert_eq!(text, serde_json::to_string(&report(0.125)).unwrap());
     let record = store.analysis(id).await.unwrap();
     assert_eq!(record.status, Status::Succeeded);
-    assert_eq!(record.progress, Progress { done: 1, total: 1 });
+    assert_eq!(record.progress, Progress::of_units(1, 1));
     assert!(record.finished_at.is_some() && record.problem.is_none() && record.eta_s.is_none());
     // Once only.
     assert!(!store.succeed(&lease, &report(9.0)).await.unwrap());
@@ -61,8 +61,8 @@ async fn failure_stores_the_problem() {
 /// Every write of a worker that lost its lease is refused, and changes nothing.
 async fn assert_powerless(store: &Store, lease: &Lease) {
     let before = store.analysis(lease.analysis).await;
-    assert_eq!(store.heartbeat(lease, Progress { done: 1, total: 2 }, LEASE_S).await.unwrap(), Held::Lost);
-    assert_eq!(store.peek(lease).await.unwrap(), Held::Lost);
+    assert_eq!(store.heartbeat(lease, Progress::of_units(1, 2), LEASE_S).await.unwrap(), LeaseState::Lost);
+    assert_eq!(store.peek(lease).await.unwrap(), LeaseState::Lost);
     assert!(!store.succeed(lease, &report(1.0)).await.unwrap());
     assert!(!store.fail(lease, &problem()).await.unwrap());
     assert!(!store.confirm_cancel(lease).await.unwrap());
@@ -105,7 +105,7 @@ async fn an_expired_lease_that_nobody_rescued_still_holds() {
     let id = bench.queue().await;
     let lease = bench.store.claim("slow", LEASE_S).await.unwrap().unwrap().lease;
     bench.pass(10.0 * LEASE_S);
-    assert_eq!(bench.store.heartbeat(&lease, Progress::default(), LEASE_S).await.unwrap(), Held::Yes);
+    assert_eq!(bench.store.heartbeat(&lease, Progress::default(), LEASE_S).await.unwrap(), LeaseState::Held);
     assert_eq!(bench.store.rescue(5).await.unwrap(), Default::default());
     assert_eq!(bench.store.analysis(id).await.unwrap().status, Status::Running);
 }
@@ -129,27 +129,27 @@ async fn heartbeats_carry_progress_eta_and_the_wish_to_cancel() {
     let claimed = store.analysis(id).await.unwrap();
     assert_eq!(claimed.eta_s, None);
     // Nothing new to see: the same ETag.
-    assert_eq!(store.heartbeat(&lease, Progress::default(), LEASE_S).await.unwrap(), Held::Yes);
+    assert_eq!(store.heartbeat(&lease, Progress::default(), LEASE_S).await.unwrap(), LeaseState::Held);
     assert_eq!(store.analysis(id).await.unwrap(), claimed);
     bench.pass(2.0);
-    store.heartbeat(&lease, Progress { done: 20, total: 100 }, LEASE_S).await.unwrap();
+    store.heartbeat(&lease, Progress::of_units(20, 100), LEASE_S).await.unwrap();
     let record = store.analysis(id).await.unwrap();
-    assert_eq!(record.progress, Progress { done: 20, total: 100 });
+    assert_eq!(record.progress, Progress::of_units(20, 100));
     assert_eq!(record.eta_s, Some(8.0));
     assert_eq!(record.version, claimed.version + 1);
     // A new phase counts from the last sign of the old one.
     bench.pass(3.0);
-    store.heartbeat(&lease, Progress { done: 10, total: 40 }, LEASE_S).await.unwrap();
+    store.heartbeat(&lease, Progress::of_units(10, 40), LEASE_S).await.unwrap();
     assert_eq!(store.analysis(id).await.unwrap().eta_s, Some(9.0));
 
-    assert_eq!(store.peek(&lease).await.unwrap(), Held::Yes);
+    assert_eq!(store.peek(&lease).await.unwrap(), LeaseState::Held);
     let flagged = store.request_cancel(id).await.unwrap();
     assert_eq!((flagged.status, flagged.cancel_requested), (Status::Running, true));
     assert_eq!(store.request_cancel(id).await.unwrap().version, flagged.version);
-    assert_eq!(store.peek(&lease).await.unwrap(), Held::CancelRequested);
+    assert_eq!(store.peek(&lease).await.unwrap(), LeaseState::CancelRequested);
     assert_eq!(
-        store.heartbeat(&lease, Progress { done: 11, total: 40 }, LEASE_S).await.unwrap(),
-        Held::CancelRequested
+        store.heartbeat(&lease, Progress::of_units(11, 40), LEASE_S).await.unwrap(),
+        LeaseState::CancelRequested
     );
     assert!(store.confirm_cancel(&lease).await.unwrap());
     let record = store.analysis(id).await.unwrap();
@@ -171,20 +171,23 @@ async fn a_bracket_is_seen_while_it_runs_and_stays_with_what_was_stopped() {
     assert_eq!((claimed.bracket, &claimed.incumbent), (None, &None));
     let progress = Progress::default();
     let bracket = Bracket { incumbent: 0.1 + 0.2, bound: 0.25, index: 159_566_654_961 };
-    let standing = |bracket, incumbent| Standing { progress, bracket: Some(bracket), incumbent };
-    store.heartbeat(&lease, standing(bracket, None), LEASE_S).await.unwrap();
+    let heartbeat = |bracket, incumbent| Heartbeat { progress, bracket: Some(bracket), incumbent };
+    store.heartbeat(&lease, heartbeat(bracket, None), LEASE_S).await.unwrap();
     let running = store.analysis(id).await.unwrap();
     assert_eq!((running.bracket, running.version), (Some(bracket), claimed.version + 1), "bit for bit, and a new ETag");
-    store.heartbeat(&lease, standing(bracket, None), LEASE_S).await.unwrap();
+    store.heartbeat(&lease, heartbeat(bracket, None), LEASE_S).await.unwrap();
     assert_eq!(store.analysis(id).await.unwrap().version, running.version, "nothing new to see");
     // What no database can hold, or is no bracket, is passed over and does no harm.
     for bad in [Bracket { index: u64::MAX, ..bracket }, Bracket { incumbent: f64::NAN, ..bracket }] {
-        assert_eq!(store.heartbeat(&lease, standing(bad, Some(incumbent())), LEASE_S).await.unwrap(), Held::Yes);
+        assert_eq!(
+            store.heartbeat(&lease, heartbeat(bad, Some(incumbent())), LEASE_S).await.unwrap(),
+            LeaseState::Held
+        );
         let none = store.analysis(id).await.unwrap();
         assert_eq!((none.bracket, none.incumbent), (None, None));
     }
     let last = Bracket { bound: 0.275, ..bracket };
-    store.heartbeat(&lease, standing(last, Some(incumbent())), LEASE_S).await.unwrap();
+    store.heartbeat(&lease, heartbeat(last, Some(incumbent())), LEASE_S).await.unwrap();
     store.request_cancel(id).await.unwrap();
     assert!(store.confirm_cancel(&lease).await.unwrap());
     let cancelled = store.analysis(id).await.unwrap();
@@ -196,7 +199,7 @@ async fn a_bracket_is_seen_while_it_runs_and_stays_with_what_was_stopped() {
         let lease = store.claim("w", LEASE_S).await.unwrap().unwrap().lease;
         assert_eq!(lease.analysis, id);
         assert_eq!(store.analysis(id).await.unwrap().bracket, None);
-        store.heartbeat(&lease, standing(last, Some(incumbent())), LEASE_S).await.unwrap();
+        store.heartbeat(&lease, heartbeat(last, Some(incumbent())), LEASE_S).await.unwrap();
         assert!(match end {
             "release" => store.release(&lease).await.unwrap(),
             "succeed" => store.succeed(&lease, &report(1.0)).await.unwrap(),
@@ -241,7 +244,7 @@ async fn released_work_keeps_its_place_and_its_attempts() {
     bench.pass(1.0);
     bench.queue().await;
     let lease = store.claim("w", LEASE_S).await.unwrap().unwrap().lease;
-    store.heartbeat(&lease, Progress { done: 1, total: 3 }, LEASE_S).await.unwrap();
+    store.heartbeat(&lease, Progress::of_units(1, 3), LEASE_S).await.unwrap();
     assert!(store.release(&lease).await.unwrap());
     let record = store.analysis(first).await.unwrap();
     assert_eq!((record.status, record.attempts, record.progress), (Status::Queued, 0, Progress::default()));

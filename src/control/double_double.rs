@@ -1,16 +1,16 @@
-//! Numbers of doubled precision: the unevaluated sum of two `f64` (Dekker, Numer. Math. 18, 224–242, 1971).
+//! Numbers of double-double precision: the unevaluated sum of two `f64` (Dekker, Numer. Math. 18, 224–242, 1971).
 //!
 //! Recursive filters need them: poles near z = 1, as fast sampling makes them, amplify each rounding by 1/D(1), which
 //! is 10⁹ for an ordinary plant of fourth order at 500 Hz.
 
 /// `high + low`, with `|low|` at most half a unit in the last place of `high`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct Doubled {
+pub(crate) struct DoubleDouble {
     high: f64,
     low: f64,
 }
 
-impl Doubled {
+impl DoubleDouble {
     fn quick_sum(high: f64, low: f64) -> Self {
         let sum = high + low;
         Self { high: sum, low: low - (sum - high) }
@@ -46,7 +46,7 @@ impl Doubled {
     }
 }
 
-impl From<f64> for Doubled {
+impl From<f64> for DoubleDouble {
     fn from(high: f64) -> Self {
         Self { high, low: 0.0 }
     }
@@ -54,15 +54,15 @@ impl From<f64> for Doubled {
 
 #[cfg(test)]
 mod tests {
-    use super::Doubled;
+    use super::DoubleDouble;
 
     #[test]
     fn what_a_single_f64_would_lose_is_kept() {
-        let sum = Doubled::from(1e16).add(1.0.into()).sub(1e16.into());
+        let sum = DoubleDouble::from(1e16).add(1.0.into()).sub(1e16.into());
         assert_eq!(sum.value(), 1.0);
-        let third = Doubled::from(1.0).div(3.0);
+        let third = DoubleDouble::from(1.0).div(3.0);
         assert_eq!(third.mul(3.0).sub(1.0.into()).value(), 0.0);
-        let product = Doubled::from(1.0 + f64::EPSILON).mul(1.0 - f64::EPSILON).sub(1.0.into());
+        let product = DoubleDouble::from(1.0 + f64::EPSILON).mul(1.0 - f64::EPSILON).sub(1.0.into());
         assert_eq!(product.value(), -f64::EPSILON * f64::EPSILON);
     }
 }

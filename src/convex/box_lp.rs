@@ -71,7 +71,7 @@ pub struct Solution {
 
 /// A program that cannot be solved as it stands.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum BoxedError {
+pub enum BoxLpError {
     /// A vector or matrix has the wrong size, a mistake of the caller.
     #[error("the {part} is of size {found} and must be {expected}")]
     Size {
@@ -106,8 +106,8 @@ impl Program {
     /// Solves it to a relative gap.
     ///
     /// # Errors
-    /// [`BoxedError`]; `Stopped` at the next step after `ctl` says so.
-    pub fn solve(&self, gap: f64, ctl: &Ctl) -> Result<Solution, BoxedError> {
+    /// [`BoxLpError`]; `Stopped` at the next step after `ctl` says so.
+    pub fn solve(&self, gap: f64, ctl: &Ctl) -> Result<Solution, BoxLpError> {
         self.check()?;
         let (m, n) = self.rows.shape();
         if m == 0 {
@@ -147,14 +147,14 @@ impl Program {
                 break;
             }
         }
-        let Some((left, mut solution)) = best else { return Err(BoxedError::NotFinite) };
+        let Some((left, mut solution)) = best else { return Err(BoxLpError::NotFinite) };
         if left <= SOLVED.max(gap) && self.relative_violation(&solution.x) <= 10.0 * FEASIBLE {
             solution.outcome = Outcome::Solved;
         }
         Ok(solution)
     }
 
-    fn check(&self) -> Result<(), BoxedError> {
+    fn check(&self) -> Result<(), BoxLpError> {
         let (m, n) = self.rows.shape();
         let sizes = [
             ("lower bounds", self.bounds[0].len(), n),
@@ -164,16 +164,16 @@ impl Program {
             ("upper limits", self.limits[1].len(), m),
         ];
         if let Some((part, found, expected)) = sizes.into_iter().find(|(_, found, expected)| found != expected) {
-            return Err(BoxedError::Size { part, found, expected });
+            return Err(BoxLpError::Size { part, found, expected });
         }
         let intervals = self.bounds.iter().chain(&self.limits).flat_map(|v| v.iter());
         if self.cost.iter().chain(self.rows.iter()).chain(intervals).any(|v| !v.is_finite()) {
-            return Err(BoxedError::NotFinite);
+            return Err(BoxLpError::NotFinite);
         }
         for (part, [lower, upper]) in [("bounds", &self.bounds), ("limits", &self.limits)] {
             for (index, (lower, upper)) in lower.iter().zip(upper.iter()).enumerate() {
                 if lower >= upper {
-                    return Err(BoxedError::Empty { part, index, lower: *lower, upper: *upper });
+                    return Err(BoxLpError::Empty { part, index, lower: *lower, upper: *upper });
                 }
             }
         }
