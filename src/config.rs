@@ -21,8 +21,8 @@ pub struct DatabaseArgs {
 /// Where pools and trees, which trials share, wait for the next process.
 #[derive(Debug, Clone, Args)]
 pub struct CacheArgs {
-    /// Folder for pools and trees; made if it does not exist, and may be deleted at any time. Where there is a database
-    /// file, it is FILE.cache by default.
+    /// Folder for pools and trees; made if it does not exist, and may be deleted at any time. By default FILE.cache
+    /// where there is a database file, otherwise `volition` in the user's folder for caches.
     #[arg(long, value_name = "FOLDER", env = "VOLITION_CACHE")]
     pub cache: Option<PathBuf>,
     /// Largest size of that folder, in GiB; what was not used for longest goes first. 0: nothing is kept.
@@ -92,14 +92,14 @@ impl Default for CacheArgs {
 }
 
 impl CacheArgs {
-    /// The pools that analyses share, with a folder to keep them in if there is one: that which was asked for, or one
-    /// beside the database.
+    /// The pools that analyses share, with a folder to keep them in if there is one: that which was asked for, one
+    /// beside the database, or the user's.
     #[must_use]
     pub fn pools(&self, database: Option<&Path>) -> Arc<PoolMemo> {
         let most_bytes = (self.cache_gib * f64::from(1 << 30)) as u64;
         // A variable that is set to nothing asks for nothing.
         let asked = self.cache.clone().filter(|folder| !folder.as_os_str().is_empty());
-        let folder = asked.or_else(|| database.map(beside));
+        let folder = asked.or_else(|| database.map_or_else(of_the_user, |database| Some(beside(database))));
         Arc::new(match folder.filter(|_| most_bytes > 0) {
             Some(folder) => PoolMemo::with_store(Arc::new(Folder::new(folder, most_bytes))),
             None => PoolMemo::default(),
@@ -118,6 +118,13 @@ fn beside(database: &Path) -> PathBuf {
     let mut name = database.as_os_str().to_owned();
     name.push(".cache");
     PathBuf::from(name)
+}
+
+/// `volition` in the folder that the system has for a user's caches; `None` where there is no such user.
+fn of_the_user() -> Option<PathBuf> {
+    use etcetera::BaseStrategy as _;
+    let folders = etcetera::choose_base_strategy().ok()?;
+    Some(folders.cache_dir().join("volition"))
 }
 
 impl ServeArgs {

@@ -170,6 +170,7 @@ impl Room {
             format!("{}:{}", self.folder.path().join("bin").display(), std::env::var("PATH").unwrap_or_default());
         let mut command = Command::new(program);
         command.current_dir(work).env("PATH", path).env("VOLITION_LOG", "error").stdin(Stdio::null());
+        command.env("XDG_CACHE_HOME", self.folder.path().join("cache"));
         command
     }
 

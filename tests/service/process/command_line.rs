@@ -238,7 +238,7 @@ fn the_openapi_command_writes_the_committed_document() {
 }
 
 #[test]
-fn run_keeps_trees_where_it_is_asked_to_and_nowhere_else() {
+fn run_keeps_trees_in_the_users_cache_or_where_it_is_asked_to() {
     let folder = tempfile::tempdir().unwrap();
     let omega = [0.7, 1.1, 1.6, 2.2, 2.6, 3.0];
     let h: Vec<[f64; 2]> = omega.iter().map(|w: &f64| [w.cos(), -w.sin()]).collect();
@@ -252,6 +252,7 @@ fn run_keeps_trees_where_it_is_asked_to_and_nowhere_else() {
     let run = |more: &[&str]| {
         let mut command = volition(&["run", "-"]);
         command.args(more).current_dir(folder.path()).env("VOLITION_LOG", "info").stdin(Stdio::piped());
+        command.env("XDG_CACHE_HOME", folder.path().join("user"));
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         child.stdin.take().unwrap().write_all(document.to_string().as_bytes()).unwrap();
         let output = child.wait_with_output().unwrap();
@@ -261,9 +262,14 @@ fn run_keeps_trees_where_it_is_asked_to_and_nowhere_else() {
         let said = |words: &str| log.lines().filter(|line| line.contains(words)).count();
         (report["provenance"]["result_sha256"].clone(), [said("kept in the cache"), said("read from the cache")])
     };
-    let (result, said) = run(&[]);
+    let (result, said) = run(&["--cache-gib", "0"]);
     assert_eq!(said, [0, 0]);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    if cfg!(target_os = "linux") {
+        assert_eq!(run(&[]), (result.clone(), [2, 0]));
+        assert_eq!(run(&[]), (result.clone(), [0, 2]));
+        assert!(folder.path().join("user/volition").is_dir());
+    }
     assert_eq!(run(&["--cache", "trees"]), (result.clone(), [2, 0]));
     assert_eq!(run(&["--cache", "trees"]), (result.clone(), [0, 2]));
     assert_eq!(run(&["--cache", "trees", "--cache-gib", "0"]), (result, [0, 0]));

@@ -15,6 +15,8 @@ pub const PATIENCE: Duration = Duration::from_secs(240);
 pub fn volition(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_volition"));
     command.args(arguments).env("VOLITION_LOG", "error").stdin(Stdio::null());
+    // Nothing is left in the folders of whoever runs the tests, nor read from there.
+    command.env("XDG_CACHE_HOME", concat!(env!("CARGO_TARGET_TMPDIR"), "/user-cache"));
     command
 }
 
