@@ -2,8 +2,9 @@
 //!
 //! A kernel calls [`Ctl::check`] often enough to stop within half a second and reports its progress with
 //! [`Ctl::set_total`] and [`Ctl::advance`]; a search for a smallest cost tells with [`Ctl::set_bracket`] how near it
-//! is. Whoever calls several kernels names the phases of the whole with [`Ctl::enter`]. Whoever waits calls [`Ctl::stop`], [`Ctl::progress`] and [`Ctl::bracket`]. There is no clock here: a deadline is
-//! somebody with a clock calling `stop(StopReason::Deadline)`.
+//! is. Whoever calls several kernels names the phases with [`Ctl::enter`], and gives a kernel that has phases of its own
+//! its share with [`Ctl::scope`]. Whoever waits calls [`Ctl::stop`], [`Ctl::progress`] and [`Ctl::bracket`]. There is no
+//! clock here: a deadline is somebody with a clock calling `stop(StopReason::Deadline)`.
 
 mod bracket;
 mod progress;
@@ -43,14 +44,52 @@ pub struct Ctl {
 }
 
 /// Where in the whole computation the present count stands.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Course {
-    /// The present phase, with what was said of it last.
+    /// The present phase, with what was said of it last. Before one is entered there is one that covers everything.
     progress: Progress,
-    /// Whether a phase was entered; until then there is one that covers everything.
-    entered: bool,
-    /// The present count is part `.0` of `.1` alike in the phase.
-    part: (u64, u64),
+    /// The scopes that are open, the innermost last; the first is the whole.
+    scopes: Vec<Extent>,
+}
+
+/// The shares of the whole computation that a scope covers.
+#[derive(Debug, Clone, Copy)]
+struct Extent {
+    from: f64,
+    to: f64,
+    /// How much of it has been given to phases and scopes inside.
+    given: f64,
+}
+
+impl Default for Course {
+    fn default() -> Self {
+        Self { progress: Progress::default(), scopes: vec![Extent { from: 0.0, to: 1.0, given: 0.0 }] }
+    }
+}
+
+impl Course {
+    /// Gives the next `share` of the innermost scope away: from where to where in the whole.
+    fn give(&mut self, share: f64) -> (f64, f64) {
+        let Some(scope) = self.scopes.last_mut() else { unreachable!("the whole is never left") };
+        let place = |given: f64| scope.from + (scope.to - scope.from) * given;
+        let from = place(scope.given);
+        scope.given = (scope.given + share.max(0.0)).min(1.0);
+        (from, scope.from + (scope.to - scope.from) * scope.given)
+    }
+}
+
+/// A part of a computation whose phases count by their shares of this part. It ends when this is dropped.
+#[derive(Debug)]
+#[must_use]
+pub struct Scope<'a>(&'a Ctl);
+
+impl Drop for Scope<'_> {
+    fn drop(&mut self) {
+        let mut course = held(&self.0.course);
+        if course.scopes.len() > 1 {
+            course.scopes.pop();
+        }
+    }
 }
 
 impl Ctl {
@@ -80,21 +119,23 @@ impl Ctl {
         }
     }
 
-    /// Begins a phase that takes about `share` of the whole computation's time, from 0 to 1; the phase before is over.
+    /// Begins a phase that takes about `share`, from 0 to 1, of the time of the whole, or of the innermost [`Scope`]; the
+    /// phase before is over.
     pub fn enter(&self, phase: Phase, share: f64) {
         let mut course = held(&self.course);
-        let from = if course.entered { course.progress.to } else { 0.0 };
-        let to = (from + share.max(0.0)).min(1.0);
+        let (from, to) = course.give(share);
         let fraction = course.progress.fraction.max(from);
         self.done.store(0, Ordering::Relaxed);
-        *course =
-            Course { progress: Progress { phase, done: 0, total: 0, from, to, fraction }, entered: true, part: (0, 1) };
+        course.progress = Progress { phase, done: 0, total: 0, from, to, fraction };
     }
 
-    /// Says that the counts to come are part `index` (from 0) of `parts` of like length in the present phase.
-    pub fn part(&self, index: u64, parts: u64) {
-        held(&self.course).part = (index.min(parts), parts.max(1));
-        self.set_total(0);
+    /// Begins a part of the computation that takes about `share` of the time of the whole, or of the scope around it,
+    /// and has phases of its own.
+    pub fn scope(&self, share: f64) -> Scope<'_> {
+        let mut course = held(&self.course);
+        let (from, to) = course.give(share);
+        course.scopes.push(Extent { from, to, given: 0.0 });
+        Scope(self)
     }
 
     /// Says how many units there are in all, and starts counting from none.
@@ -112,14 +153,12 @@ impl Ctl {
 
     /// How far the computation has come.
     #[must_use]
-    #[allow(clippy::cast_precision_loss)]
     pub fn progress(&self) -> Progress {
         let mut course = held(&self.course);
-        let (index, parts) = (course.part.0 as f64, course.part.1.max(1) as f64);
         let progress = &mut course.progress;
         progress.done = self.done.load(Ordering::Relaxed).min(progress.total);
-        let within = ((index + progress::share(progress.done, progress.total)) / parts).min(1.0);
-        progress.fraction = progress.fraction.max(progress.from + (progress.to - progress.from) * within);
+        let within = progress::share(progress.done, progress.total);
+        progress.fraction = progress.fraction.max(progress.from + (progress.to - progress.from) * within).min(1.0);
         *progress
     }
 
@@ -183,20 +222,35 @@ mod tests {
         );
         ctl.enter(Phase::Search, 0.5);
         assert_eq!((ctl.progress().done, ctl.progress().total, ctl.progress().fraction), (0, 0, 0.25));
-        for part in 0..2 {
-            ctl.part(part, 2);
-            ctl.set_total(10);
-            ctl.advance(5);
-            assert_eq!(ctl.progress().fraction, 0.25 + 0.5 * (part as f64 + 0.5) / 2.0);
-        }
-        // A count that begins again, with nothing said of parts.
+        ctl.set_total(10);
+        ctl.advance(5);
+        assert_eq!(ctl.progress().fraction, 0.5);
+        // A count that begins again.
         ctl.set_total(1000);
-        assert_eq!(ctl.progress().fraction, 0.625);
+        assert_eq!(ctl.progress().fraction, 0.5);
+        // More than there is.
         ctl.enter(Phase::Fit, 3.0);
         assert_eq!((ctl.progress().from, ctl.progress().to), (0.75, 1.0));
         ctl.set_total(1);
         ctl.advance(1);
         assert_eq!(ctl.progress().fraction, 1.0);
+    }
+
+    #[test]
+    fn shares_of_a_part_are_of_that_part() {
+        let ctl = Ctl::new();
+        ctl.enter(Phase::Data, 0.5);
+        for part in 0..2 {
+            let _part = ctl.scope(0.25);
+            ctl.enter(Phase::Search, 0.5);
+            assert_eq!(ctl.progress().from, 0.5 + 0.25 * f64::from(part));
+            {
+                let _inner = ctl.scope(0.5);
+                ctl.enter(Phase::Fit, 1.0);
+                assert_eq!(ctl.progress().to, 0.75 + 0.25 * f64::from(part));
+            }
+        }
+        assert_eq!(ctl.progress().fraction, 0.875);
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //! alone exceeds the best J is passed over with all its feedforward denominators: exact, since the first sum is not
 //! negative. Ties go to the lowest index.
 
-use crate::ctl::{Bracket, Ctl, Stopped};
+use crate::ctl::{Bracket, Ctl, Phase, Stopped};
 use crate::identify::pool::{Candidate, Pool};
 use crate::identify::problem::Problem;
 use crate::identify::search::exact;
@@ -103,6 +103,7 @@ pub fn search(
     // Costs are not negative, and their bits are ordered as they are.
     let bound = AtomicU64::new(f64::INFINITY.to_bits());
     let blocks = table.blocks();
+    ctl.enter(Phase::Search, 1.0);
     ctl.set_total(2 * blocks as u64);
     ctl.begin_search();
 

@@ -83,7 +83,14 @@ pub fn search_with_delays(
     if lines.used.is_empty() {
         return Err(SsidError::NoLine(data.omega_rad_s.len()));
     }
-    pairs.iter().map(|pair| point(&plant, &lines, settings, *pair, search, ctl)).collect()
+    let share = 1.0 / pairs.len() as f64;
+    pairs
+        .iter()
+        .map(|pair| {
+            let _one_of_them = ctl.scope(share);
+            point(&plant, &lines, settings, *pair, search, ctl)
+        })
+        .collect()
 }
 
 fn point(

@@ -2,7 +2,7 @@
 
 use super::experiment::{Evaluation, Experiment};
 use super::noise::Noise;
-use crate::ctl::{Ctl, Stopped};
+use crate::ctl::{Ctl, Phase, Stopped};
 use crate::num::least_squares::{self, LeastSquares, LeastSquaresError, Options};
 use crate::num::rng;
 use nalgebra::{DMatrix, DVector};
@@ -126,6 +126,9 @@ struct Climbed {
     stop: least_squares::Stop,
 }
 
+/// The share that the climbs take of the time of a whole analysis, which draws starts before and judges the answer after.
+const CLIMBS_SHARE: f64 = 0.5;
+
 /// Finds the most likely parameters.
 ///
 /// # Errors
@@ -145,6 +148,8 @@ pub fn fit(experiment: &Experiment<'_>, settings: &Settings, ctl: &Ctl) -> Resul
         }
     }
     let mut ended: Vec<Climbed> = Vec::new();
+    ctl.enter(Phase::Fit, CLIMBS_SHARE);
+    ctl.set_total(chosen.len() as u64);
     for start in &chosen {
         if let Some(found) = climb(experiment, settings, start, ctl)? {
             ended.push(found);
@@ -218,8 +223,10 @@ fn drawn(experiment: &Experiment<'_>, settings: &Settings, ctl: &Ctl) -> Result<
         sizes.iter().map(|s| s.max(1e-6 * largest).recip()),
     ));
     let mut found = Vec::new();
+    ctl.set_total(settings.draws as u64);
     for index in 0..settings.draws {
         ctl.check()?;
+        ctl.advance(1);
         let Some(theta) = experiment.model().draw(&mut stream, index, experiment.time(), &settings.bounds) else {
             continue;
         };

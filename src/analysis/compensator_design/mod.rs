@@ -21,7 +21,7 @@ use super::kind::Kind;
 use super::problem::{Code, Problem};
 use super::report::Warning;
 use crate::control::Discrete;
-use crate::ctl::Ctl;
+use crate::ctl::{Ctl, Phase};
 use crate::excite::compensator::{Design, DesignError, DesignLimits, Edge, Found, Judged, SearchBox, search, sweep};
 use crate::excite::path::SampledPlant;
 use crate::excite::spectrum::Spectrum;
@@ -89,12 +89,18 @@ impl Analysis for Plan {
         let region = self.region(&design, time)?;
         let mut warnings = Vec::new();
 
+        // The search, the same with a proportional controller, and curves.
+        let in_search = ctl.scope(0.8);
         let found = search(&design, &region, limits, ctl).map_err(|error| problems::design(&error))?;
+        drop(in_search);
         let judged =
             design.judge(&found.compensator, limits).map_err(|error| problems::design(&DesignError::Path(error)))?;
+        let in_baseline = ctl.scope(0.1);
         let baseline = if region.corners.is_some() { self.baseline(&design, &region, limits, ctl)? } else { None };
+        drop(in_baseline);
         let mut curves = Vec::new();
         if let Some(asked) = &self.spec.sweep {
+            ctl.enter(Phase::Verification, 0.1);
             ctl.set_total(asked.zero_hz.len().max(1) as u64);
             let gain = asked.gain.unwrap_or(region.gain);
             let corners: Vec<Option<[f64; 2]>> = match asked.pole_hz {

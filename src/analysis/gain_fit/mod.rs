@@ -32,7 +32,7 @@ use super::contract::{Analysis, Failure, Outcome};
 use super::inputs::library::Library;
 use super::kind::Kind;
 use super::problem::Problem;
-use crate::ctl::Ctl;
+use crate::ctl::{Ctl, Phase};
 use crate::likelihood::fit;
 use crate::likelihood::uncertainty::Uncertainty;
 use answer::{Found, no_fit};
@@ -114,8 +114,10 @@ impl Analysis for Plan {
         let settings = assembled.settings(spec)?;
         let experiment = assembled.experiment(spec, &signals, &place)?;
         let asked = spec.optimality.as_ref().map_or(0, |o| o.draws);
-        ctl.set_total((settings.climbs + asked) as u64);
+        let draws_share = if asked > 0 { 0.3 } else { 0.0 };
+        ctl.enter(Phase::Search, 0.1);
         let estimate = fit(&experiment, &settings, ctl).map_err(|error| no_fit(&error))?;
+        ctl.enter(Phase::Intervals, 0.1);
         let uncertainty = Uncertainty::new(&experiment, &estimate, &settings.noise, &settings.bounds);
         let found = Found {
             spec,
@@ -126,11 +128,9 @@ impl Analysis for Plan {
             estimate: &estimate,
             uncertainty: &uncertainty,
         };
+        ctl.enter(Phase::Verification, draws_share);
         let result = found.result(ctl)?;
         let warnings = findings::warnings(spec, &result, estimate.is_exact, &settings.noise);
-        // Fewer climbs than asked for, where few starts were of use.
-        let progress = ctl.progress();
-        ctl.advance(progress.total - progress.done);
         Ok(Outcome::new(result, warnings))
     }
 }

@@ -241,6 +241,7 @@ fn draw(
     ctl: &Ctl,
 ) -> Result<(), Failure> {
     let mut stream = rng::stream(question.seed, "gain fit optimality");
+    ctl.set_total(draws as u64);
     let mut weights: Vec<(DMatrix<f64>, DMatrix<f64>)> = Vec::new();
     for _ in 0..draws {
         ctl.check()?;

@@ -11,7 +11,7 @@ use super::task::{Reached, Task};
 use crate::analysis::contract::Failure;
 use crate::analysis::problem::{Code, Problem};
 use crate::analysis::report::Warning;
-use crate::ctl::Ctl;
+use crate::ctl::{Ctl, Phase};
 use crate::excite::design::limits::autocorrelation;
 use crate::excite::design::{Autocorrelation, ClimbError, Limits, Settings, Stop, climb};
 
@@ -28,15 +28,16 @@ pub(super) fn run(
     let task = Task::new(model, spec)?;
     let starts = starts.sampled(spec.used.samples, ctl)?;
     let records = spec.used.monte_carlo.as_ref().map_or(0, |m| 2 * m.replicates as u64);
-    ctl.set_total((starts.len() * spec.used.max_steps) as u64 + records);
+    // A fit of a record takes about as long as two steps of a climb.
+    let climbs = (starts.len() * spec.used.max_steps) as f64;
+    let climbs_share = climbs / (climbs + 2.0 * records as f64);
     let mut warnings = Vec::new();
     let mut results = Vec::new();
     let mut best: Option<Reached> = None;
     for (place, start) in starts.iter().enumerate() {
-        let before = ctl.progress().done;
+        ctl.enter(Phase::Search, climbs_share / starts.len() as f64);
+        ctl.set_total(spec.used.max_steps as u64);
         let (result, reached) = task.climb(place, start, ctl)?;
-        // A climb that ends early leaves the steps that it did not need.
-        ctl.advance(spec.used.max_steps as u64 - (ctl.progress().done - before).min(spec.used.max_steps as u64));
         results.push(result);
         if let Some(reached) = reached
             && best.as_ref().is_none_or(|best| reached.value > best.value)
@@ -46,6 +47,8 @@ pub(super) fn run(
     }
     let Some(best) = best else { return Err(task.nothing(&starts, &results).into()) };
     of_climbs(&task, &results, &best, &mut warnings);
+    ctl.enter(Phase::Verification, 1.0);
+    ctl.set_total(records);
     let monte_carlo = monte_carlo(&task, &best, &mut warnings, ctl)?;
     Ok((task.result(results, best, monte_carlo, &mut warnings)?, warnings))
 }

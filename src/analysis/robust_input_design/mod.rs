@@ -21,7 +21,7 @@ use super::contract::{Analysis, Failure, Outcome, Samples};
 use super::inputs::library::Library;
 use super::kind::Kind;
 use super::problem::{Code, Problem};
-use crate::ctl::Ctl;
+use crate::ctl::{Ctl, Phase};
 use crate::excite::robust::search::expected_evaluations;
 use crate::excite::robust::{Draw, DrawCost, Search, Worst, costs, draws};
 use crate::excite::sequence::SequenceError;
@@ -96,18 +96,18 @@ impl Analysis for Plan {
     fn run(&self, _library: &Library, ctl: &Ctl) -> Result<Outcome<RobustInputDesignResult>, Failure> {
         let checked = &*self.checked;
         let spec = &checked.spec;
-        let total = expected_evaluations(spec.max_iterations, spec.rounds) + 2 * 6;
-        ctl.set_total(total);
+        ctl.enter(Phase::Search, 0.9);
+        ctl.set_total(expected_evaluations(spec.max_iterations, spec.rounds));
         let drawn = draws(&checked.setting, spec.draws, spec.seed, "design");
         let mut search = Search::new(&checked.setting, checked.gamma_box, &drawn, ctl);
         let outcome = search
             .run(checked.average, checked.start, spec.max_iterations, spec.rounds)
             .map_err(|error| sequence(&error))?;
+        ctl.enter(Phase::Verification, 0.1);
+        ctl.set_total(2 * 6);
         let again = draws(&checked.setting, spec.fresh_draws, spec.seed, "fresh");
         let nominal = self.fresh(&outcome.nominal, &again, ctl)?;
         let robust = self.fresh(&outcome.robust, &again, ctl)?;
-        // The search may end long before what was foreseen.
-        ctl.advance(total);
         let difference = difference(&nominal, &robust);
         let warnings = findings::warnings(checked, &outcome, &nominal.result, &robust.result, &difference);
         let design = |worst: &Worst, fresh: FreshResult| -> Result<DesignResult, Failure> {

@@ -18,7 +18,7 @@ fn the_worst_subject_is_no_worse_off_than_with_the_nominal_experiment() {
         assert_eq!(Plan::parse(&plan.request()).unwrap().request(), plan.request(), "canonical");
         let ctl = Ctl::new();
         let report = plan.run(&Library::default(), &ctl).unwrap();
-        assert_eq!(ctl.progress().done, ctl.progress().total);
+        assert_eq!(ctl.progress().fraction, 1.0);
         let result = &report.result;
         let number = |value: &Value| value.as_f64().unwrap();
         assert!(number(&result["robust"]["worst_cost"]) <= number(&result["nominal"]["worst_cost"]));

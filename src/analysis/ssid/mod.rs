@@ -27,7 +27,7 @@ use super::kind::Kind;
 use super::problem::{Code, Problem};
 use super::report::{Effort, Warning};
 use crate::control::{System, TransferFunction};
-use crate::ctl::Ctl;
+use crate::ctl::{Ctl, Phase};
 use crate::identify::refine::Refined;
 use crate::identify::search::Automatic;
 use crate::identify::ssid::{Identified, Settings, SsidError, Weights, identify};
@@ -101,6 +101,7 @@ impl Analysis for Plan {
 
     /// Progress counts candidates.
     fn run(&self, library: &Library, ctl: &Ctl) -> Result<Outcome<SsidResult>, Failure> {
+        ctl.enter(Phase::Data, DATA);
         let Material { plant, data, trials, held_out, noise, repeats, mut warnings } = self.material(library, ctl)?;
         let used = &self.spec.used;
         let settings = Settings {
@@ -110,6 +111,8 @@ impl Analysis for Plan {
             max_candidates: self.spec.max_candidates,
         };
         let search = Automatic { method: self.spec.search, pools: &*library.pools };
+        let shares = self.shares();
+        let in_search = ctl.scope(shares.search);
         let found = identify(&plant, &data, &settings, &search, ctl).map_err(|error| match error {
             SsidError::Stopped(stopped) => Failure::Stopped(stopped),
             SsidError::Interrupted(interrupted) => Failure::Interrupted {
@@ -121,6 +124,7 @@ impl Analysis for Plan {
             },
             error => Failure::Problem(pool_problem::problem(&error)),
         })?;
+        drop(in_search);
         warnings.extend(found.findings.iter().map(|f| Warning::new(f.code, f.message.clone())));
         let metrics = self.metrics(&found)?;
         let vaf = validate(&found.plant, [&found.feedforward, &found.feedback], &trials, Some(&mut warnings));
@@ -132,6 +136,7 @@ impl Analysis for Plan {
         let mut delayed = None;
         let pairs = used.delay.as_ref().map(DelaySpec::pairs).unwrap_or_default();
         if !pairs.is_empty() {
+            let _with_delays = ctl.scope(shares.delays);
             let (searched, best) = delayed::searched(&plant, &data, &settings, &pairs, &search, ctl)?;
             delayed::warn(&searched, &mut warnings);
             result.delayed = Some(searched);
@@ -155,6 +160,7 @@ impl Analysis for Plan {
                 delays: self.spec.delays.as_ref(),
                 start: delayed.as_ref(),
             };
+            let _refining = ctl.scope(shares.refinement);
             match refined::refine(&found, &questions, &mut warnings, ctl).map_err(Failure::Stopped)? {
                 Ok((controllers, mut refined)) => {
                     let simulated = |trials: &[ResolvedTrial]| match with_delays(&controllers) {
@@ -177,6 +183,7 @@ impl Analysis for Plan {
         }
         result.held_out = held;
         if !self.spec.structures.is_empty() {
+            let _comparing = ctl.scope(shares.structures);
             let compared = structures::compare(
                 &self.spec,
                 &plant,
@@ -206,7 +213,36 @@ impl Analysis for Plan {
     }
 }
 
+/// The share of the time that frequency data take.
+const DATA: f64 = 0.02;
+
+/// How the time is shared out, about.
+struct Shares {
+    search: f64,
+    delays: f64,
+    refinement: f64,
+    structures: f64,
+}
+
 impl Plan {
+    /// By what is asked for: searches take about as long as each other, a refinement little beside them, and every draw
+    /// of a bootstrap as much as a refinement.
+    fn shares(&self) -> Shares {
+        let used = &self.spec.used;
+        let delays = used.delay.as_ref().map_or(0, |delays| delays.pairs().len()) as f64;
+        let draws = used.bootstrap.map_or(0, |bootstrap| bootstrap.draws) as f64;
+        let refinement = if self.spec.refine { 0.02 * (1.0 + draws) } else { 0.0 };
+        let structures = self.spec.structures.len() as f64;
+        let whole = 1.0 + delays + refinement + structures;
+        let share = |part: f64| (1.0 - DATA) * part / whole;
+        Shares {
+            search: share(1.0),
+            delays: share(delays),
+            refinement: share(refinement),
+            structures: share(structures),
+        }
+    }
+
     fn material(&self, library: &Library, ctl: &Ctl) -> Result<Material, Failure> {
         match &self.inputs {
             TrialsOrResponses::Responses(PlantAndResponses { plant, frequency_response: data }) => {

@@ -3,7 +3,7 @@
 use super::result::{Stability, TrialVaf};
 use crate::analysis::report::Warning;
 use crate::control::{Model, System};
-use crate::ctl::{Ctl, Stopped};
+use crate::ctl::{Ctl, Phase, Stopped};
 use crate::identify::identifiability::{Identifiability, Structure, judge};
 use crate::identify::problem::{Lines, Problem};
 use crate::identify::refine::{
@@ -177,6 +177,8 @@ pub(super) fn refine(
     };
     let [feedforward, feedback] = questions.start.map_or([&found.feedforward, &found.feedback], |[ff, fb]| [ff, fb]);
     let start = Start::of(feedforward, feedback);
+    let draws = questions.bootstrap.map_or(0, |bootstrap| bootstrap.draws) as f64;
+    ctl.enter(Phase::Fit, 1.0 / (1.0 + draws));
     let refinement = match questions.delays {
         None => Refinement::new(setup, &start, ctl).map(|refinement| (refinement, Vec::new())),
         Some(delays) => refine_with_delays(setup, &start, delays, ctl),
@@ -193,6 +195,7 @@ pub(super) fn refine(
     let noise = questions.noise.and_then(|noise| noise.at_lines(found));
     let uncertainty = noise.as_ref().and_then(|noise| refinement.uncertainty(noise));
     let residual_tests = noise.as_ref().and_then(|noise| refinement.residual_tests(noise));
+    ctl.enter(Phase::Intervals, 1.0);
     let bootstrap = match (&noise, questions.bootstrap) {
         (Some(noise), Some(spec)) => Some(refinement.bootstrap(noise, spec.draws, spec.seed, ctl)?),
         _ => None,

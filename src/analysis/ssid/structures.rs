@@ -101,6 +101,7 @@ pub(super) fn compare(
     let folds = repeats.map_or(&[][..], |r| &r.folds);
     let mut rows = Vec::new();
     for recipe in &spec.structures {
+        let _one_of_them = ctl.scope(1.0 / spec.structures.len() as f64);
         let structure = recipe.structure();
         let degrees = [
             structure.feedforward_numerator,

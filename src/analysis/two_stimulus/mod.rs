@@ -25,7 +25,7 @@ use super::kind::Kind;
 use super::problem::{Code, Problem};
 use super::report::Warning;
 use crate::control::System;
-use crate::ctl::Ctl;
+use crate::ctl::{Ctl, Phase};
 use crate::response::stimuli::{StimulusLines, stimulus_lines};
 use crate::response::{FrequencyError, Stimulus};
 use crate::trial::Trial;
@@ -68,6 +68,9 @@ struct Material {
     warnings: Vec<Warning>,
 }
 
+/// The share of the time that frequency data take.
+const DATA: f64 = 0.05;
+
 impl Analysis for Plan {
     const KIND: Kind = Kind::named("two_stimulus");
     const TITLE: &'static str = "Two-stimulus estimate";
@@ -106,6 +109,10 @@ impl Analysis for Plan {
     /// Progress counts segments, then starts of each fit. Where the disturbance excites nothing the problem is
     /// `not_identifiable`, since the command alone does not determine the feedback.
     fn run(&self, library: &Library, ctl: &Ctl) -> Result<Outcome<TwoStimulusResult>, Failure> {
+        // A pool takes longer than all fits.
+        let has_pool = self.spec.pool().is_some();
+        let fits_share = (1.0 - DATA) * if has_pool { 0.2 } else { 1.0 };
+        ctl.enter(Phase::Data, DATA);
         let Material { plant, lines, stimuli, held_out_stimuli, trials, held_out, mut warnings } =
             self.material(library, ctl)?;
         if !lines.iter().any(|line| line.disturbance.is_some()) {
@@ -115,6 +122,7 @@ impl Analysis for Plan {
         findings::of_estimate(&free, &plant, self.inputs.is_responses(), &mut warnings);
         let (mut fits, mut laws) = (Vec::new(), Vec::new());
         for (i, structure) in self.spec.structures.iter().enumerate() {
+            ctl.enter(Phase::Fit, fits_share / self.spec.structures.len() as f64);
             let (fit, law) =
                 self.fitted(i, *structure, &plant, &free, &lines, &trials, &held_out, &mut warnings, ctl)?;
             fits.push(fit);
@@ -129,8 +137,12 @@ impl Analysis for Plan {
         let sample_time_s = trials.first().map(|t| t.trial().sample_time_s);
         let pool = match self.spec.pool() {
             None => None,
-            Some((recipe, limit)) => Some(pool::best(recipe, &plant, sample_time_s, &lines, limit, ctl)?),
+            Some((recipe, limit)) => {
+                let _in_the_pool = ctl.scope(0.99 - DATA - fits_share);
+                Some(pool::best(recipe, &plant, sample_time_s, &lines, limit, ctl)?)
+            }
         };
+        ctl.enter(Phase::Verification, 1.0);
         let regularised = if self.spec.regularise {
             let law = best.and_then(|best| Some((best, laws[best].as_ref()?)));
             let both = [stimuli.as_ref(), held_out_stimuli.as_ref()];

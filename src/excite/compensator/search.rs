@@ -5,7 +5,7 @@ use super::design::{Compensator, Design, DesignLimits};
 use super::edge::Edge;
 use super::space::{EDGE, Space};
 use crate::control::bode::log_grid;
-use crate::ctl::{Ctl, Stopped};
+use crate::ctl::{Ctl, Phase, Stopped};
 use crate::excite::path::PathError;
 use rayon::iter::{IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelIterator as _};
 use std::collections::BTreeMap;
@@ -115,7 +115,8 @@ pub fn search(design: &Design, region: &SearchBox, limits: &DesignLimits, ctl: &
         vec![Vec::new()]
     };
     let at = |gain: f64, column: &[f64]| -> Vec<f64> { std::iter::once(gain).chain(column.iter().copied()).collect() };
-    ctl.set_total((columns.len() + CLIMBS) as u64);
+    ctl.enter(Phase::Search, 0.2);
+    ctl.set_total(columns.len() as u64);
     let grid: Vec<Vec<f64>> = columns
         .clone()
         .into_par_iter()
@@ -142,7 +143,8 @@ pub fn search(design: &Design, region: &SearchBox, limits: &DesignLimits, ctl: &
             (space.bounds[i][1] - space.bounds[i][0]) / count as f64
         })
         .collect();
-    ctl.advance((CLIMBS - starts.len()) as u64);
+    ctl.enter(Phase::Fit, 0.8);
+    ctl.set_total(starts.len() as u64);
     let climbed: Vec<(Vec<f64>, f64)> = starts
         .into_par_iter()
         .map(|start| {

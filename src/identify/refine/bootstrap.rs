@@ -72,9 +72,14 @@ impl Refinement<'_> {
         let lines = self.lines().len();
         assert_eq!(lines, noise.variance.len(), "a variance for every line");
         let own = self.controllers_at_lines(&self.projection, &self.minimum.x);
+        ctl.set_total(draws as u64);
         let drawn: Vec<Option<Draw>> = (0..draws)
             .into_par_iter()
-            .map(|draw| self.drawn(noise, &own, seed, draw, ctl))
+            .map(|draw| {
+                let drawn = self.drawn(noise, &own, seed, draw, ctl)?;
+                ctl.advance(1);
+                Ok(drawn)
+            })
             .collect::<Result<_, Stopped>>()?;
         let free: Vec<&Draw> = drawn.iter().flatten().filter(|d| !d.is_held).collect();
         let bands = |of: fn(&Draw) -> &Vec<Complex64>, own: &[Complex64]| -> Vec<BootstrapBand> {

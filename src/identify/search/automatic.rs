@@ -6,10 +6,16 @@ use super::screen::exhaustive::Exhaustive;
 use super::screen::optimum::{Method, Optimum, Search};
 use super::sensitivity::search::{self as sensitivity, SensitivitySearch};
 use crate::control::System;
-use crate::ctl::{Ctl, Stopped};
+use crate::ctl::{Ctl, Phase, Stopped};
 use crate::identify::pool::{Pool, PoolError, Recipe};
 use crate::identify::problem::Problem;
 use std::sync::Arc;
+
+/// Which share of the time it takes to count a pool, where nothing of it was kept.
+const COUNTING: f64 = 0.2;
+
+/// Which share of the time it takes to make trees or clusters of a large pool.
+const TREES: f64 = 0.6;
 
 /// The search that a [`Method`] asks for.
 #[derive(Debug, Clone, Copy)]
@@ -22,6 +28,7 @@ pub struct Automatic<'a> {
 
 impl Search for Automatic<'_> {
     fn pool(&self, recipe: &Recipe, plant: &System, ctl: &Ctl) -> Result<Arc<Pool>, PoolError> {
+        ctl.enter(Phase::Preparation, COUNTING);
         self.pools.pool(&RecipeOnPlant::new(recipe, plant), ctl)
     }
 
@@ -31,9 +38,13 @@ impl Search for Automatic<'_> {
             || !factored::can_search(problem)
             || !sensitivity::can_search(problem)
         {
+            ctl.enter(Phase::Search, 1.0);
             return Exhaustive.search(problem, pool, ctl);
         }
-        match self.pools.prepared(problem, pool, ctl)? {
+        ctl.enter(Phase::Preparation, TREES);
+        let prepared = self.pools.prepared(problem, pool, ctl)?;
+        ctl.enter(Phase::Search, 1.0);
+        match prepared {
             Prepared::Sensitivity(clusters) => SensitivitySearch { clusters: &clusters }.search(problem, pool, ctl),
             Prepared::Factored(trees) => FactoredSearch { trees: &trees }.search(problem, pool, ctl),
         }
