@@ -37,7 +37,7 @@ fn hold(component: &str, value: &Value) {
 }
 
 fn prefix(kind: Kind) -> String {
-    crate::analysis::registry::kinds().iter().find(|about| about.kind == kind).map(About::type_prefix).expect("listed")
+    crate::analysis::registry::kinds().find(|about| about.kind == kind).map(About::type_prefix).expect("listed")
 }
 
 /// Fails unless the document allows this request, which has been understood.

@@ -12,7 +12,7 @@ use super::timestamp::Timestamp;
 use crate::analysis::ids::{AnalysisId, StudyId, TrialId};
 use crate::analysis::report::sha256_json;
 use crate::analysis::{Code, Incumbent, Kind, Plan, Problem, Report, Request, registry};
-use crate::ctl::Bracket;
+use crate::ctl::{Bracket, Phase};
 use crate::jobs::Status;
 use crate::store::{AnalysisFilter, AnalysisRecord, NewAnalysis, StoreError};
 use crate::trial::pointer;

@@ -5,7 +5,7 @@ use super::clock::span_us;
 use super::error::{StoreError, StoreResult};
 use super::open::Store;
 use super::records::{Claim, Heartbeat, Lease, LeaseState, Rescued};
-use super::rows::{get, json_opt, json_verified, parsed, sha256, signed, to_json, unsigned};
+use super::rows::{get, json_opt, json_verified, parsed, sha256, signed, to_json};
 use crate::analysis::ids::AnalysisId;
 use crate::analysis::{Code, Problem, Report};
 use crate::ctl::{Bracket, Progress};

@@ -120,7 +120,7 @@ proptest! {
             rest in 0..1_000_000_u64) {
         let done = rate * seconds;
         let mut eta = EtaEstimator::begin(5_000_000);
-        eta.observe(5_000_000 + seconds as i64 * 1_000_000, Progress { done, total: done + rest });
+        eta.observe(5_000_000 + seconds as i64 * 1_000_000, Progress::of_units(done, done + rest));
         let expected = rest as f64 / rate as f64;
         prop_assert!((eta.eta_s().unwrap() - expected).abs() <= 1e-9 * expected.max(1.0));
     }

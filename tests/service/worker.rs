@@ -371,7 +371,7 @@ async fn settings_that_cannot_work_are_refused_by_field() {
     assert_eq!(refused(WorkerSettings::default()), None);
     assert_eq!(refused(quick()), None);
     type Spoil = fn(&mut WorkerSettings);
-    let cases: [(&str, Spoil); 8] = [
+    let cases: [(&str, Spoil); 9] = [
         ("worker_name", |s| s.worker_name.clear()),
         ("concurrency", |s| s.concurrency = 0),
         ("compute_threads", |s| s.compute_threads = 1 << 20),
