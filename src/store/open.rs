@@ -15,7 +15,7 @@ use tokio::sync::Notify;
 const MIGRATIONS: [(i64, &str, &str); 3] = [
     (1, "studies trials analyses", include_str!("../../migrations/0001_studies_trials_analyses.sql")),
     (2, "brackets", include_str!("../../migrations/0002_brackets.sql")),
-    (3, "phases", include_str!("../../migrations/0003_phases.sql")),
+    (4, "phases", include_str!("../../migrations/0004_phases.sql")),
 ];
 
 fn migrator() -> Migrator {
