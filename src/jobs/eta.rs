@@ -6,7 +6,7 @@ use crate::ctl::Progress;
 /// of the whole since the beginning, for the phases to come.
 ///
 /// The shares of phases are estimates; what is left of the present phase does not depend on them. A new phase began at
-/// the latest observation of the one before. Times are microseconds of whatever clock the caller has; the estimator has
+/// the latest observation of the one before, and its count at the latest at which there was none. Times are microseconds of whatever clock the caller has; the estimator has
 /// none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EtaEstimator {
@@ -31,7 +31,10 @@ impl EtaEstimator {
 
     /// Takes note of how far the work is.
     pub fn observe(&mut self, at_us: i64, progress: Progress) {
-        if (progress.phase, progress.from) != (self.progress.phase, self.progress.from) {
+        let is_new = (progress.phase, progress.from) != (self.progress.phase, self.progress.from);
+        // A count begins no earlier than the last time it was seen not to have begun.
+        let begins = self.progress.total == 0 && progress.total > 0 && self.progress.fraction <= progress.from;
+        if is_new || begins {
             self.phase_began_us = self.observed_us;
         }
         self.observed_us = at_us;

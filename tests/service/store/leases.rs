@@ -2,7 +2,7 @@ use super::*;
 use std::collections::BTreeSet;
 use volition::analysis::Incumbent;
 use volition::analysis::ids::AnalysisId;
-use volition::ctl::{Bracket, Progress};
+use volition::ctl::{Bracket, Phase, Progress};
 use volition::jobs::Status;
 use volition::store::{AnalysisFilter, AnalysisRecord, Heartbeat, Lease, LeaseState};
 
@@ -139,8 +139,10 @@ async fn heartbeats_carry_progress_eta_and_the_wish_to_cancel() {
     assert_eq!(record.version, claimed.version + 1);
     // A new phase counts from the last sign of the old one.
     bench.pass(3.0);
-    store.heartbeat(&lease, Progress::of_units(10, 40), LEASE_S).await.unwrap();
-    assert_eq!(store.analysis(id).await.unwrap().eta_s, Some(9.0));
+    let search = Progress { phase: Phase::Search, done: 10, total: 40, from: 0.25, to: 1.0, fraction: 0.4375 };
+    store.heartbeat(&lease, search, LEASE_S).await.unwrap();
+    let record = store.analysis(id).await.unwrap();
+    assert_eq!((record.progress, record.eta_s), (search, Some(9.0)));
 
     assert_eq!(store.peek(&lease).await.unwrap(), LeaseState::Held);
     let flagged = store.request_cancel(id).await.unwrap();
