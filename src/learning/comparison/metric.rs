@@ -78,6 +78,7 @@ pub struct GroupMetric {
 
 /// The same difference under another assumption.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "AlternativeDifference")]
 pub struct Alternative {
     /// The assumption, in words.
     pub assumption: String,

@@ -19,7 +19,7 @@ pub mod random_effects;
 pub mod series;
 pub mod shape;
 pub mod study;
-mod words;
+pub(crate) mod words;
 
 /// Why something was not estimated, in words.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 /// How p-values of several tests are adjusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "MultipleTestCorrection")]
 pub enum Correction {
     /// Holm (1979): the probability of even one false claim stays below 5 %, however the tests depend on each other.
     #[default]

@@ -35,6 +35,7 @@ impl CurveForm {
 /// What is compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "ComparedContrast")]
 pub enum Contrast {
     /// The value at the study's first trial.
     First,
@@ -96,6 +97,7 @@ pub(super) struct PersonValue {
 
 /// A person without a value.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "PersonLeftOut")]
 pub struct LeftOut {
     /// The pseudonym.
     pub code: String,

@@ -27,6 +27,7 @@ const LEVEL: f64 = 0.05;
 /// How the allocations were gone through.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "AllocationsSeen")]
 pub enum Enumeration {
     /// Every one.
     Exact,
@@ -36,6 +37,7 @@ pub enum Enumeration {
 
 /// A test with its interval.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "PermutationTest")]
 pub struct Permutation {
     /// Whether all allocations were gone through.
     pub enumeration: Enumeration,

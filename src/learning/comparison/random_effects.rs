@@ -20,6 +20,7 @@ const EQUAL: f64 = 1e-12;
 
 /// A coefficient with its interval.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "MeanOverPeople")]
 pub struct Coefficient {
     /// The value, in the unit of the metric.
     pub value: f64,
@@ -257,6 +258,7 @@ pub fn random_effects(y: &[f64], v: &[f64], group: Option<&[f64]>) -> Result<Ran
 
 /// A difference of two independent values with Satterthwaite's degrees of freedom.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "MeanDifference")]
 pub struct Difference {
     /// The difference, in the unit of the metric.
     pub difference: f64,

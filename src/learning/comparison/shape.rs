@@ -20,6 +20,7 @@ const TOO_SMALL: f64 = 2.0;
 /// The form of a learning curve over the trial number k = 1, 2, …
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "CurveLaw")]
 pub enum Law {
     /// `c + a exp(−(k − 1)/τ)`, τ from 0.5 to 200 trials.
     Exponential,
@@ -78,6 +79,7 @@ pub enum ErrorSource {
 /// Which bound the shape parameter is at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "ShapeBound")]
 pub enum Bound {
     /// The least value.
     Lower,
@@ -87,6 +89,7 @@ pub enum Bound {
 
 /// A value with its standard error, both in the unit of the metric.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "CurveValue")]
 pub struct Estimate {
     /// The value.
     pub value: f64,

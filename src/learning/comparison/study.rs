@@ -55,6 +55,12 @@ impl Default for ComparisonOptions {
     }
 }
 
+impl ComparisonOptions {
+    fn curves(&self) -> CurveOptions {
+        CurveOptions { spec_sha256: self.spec_sha256.clone(), ..CurveOptions::default() }
+    }
+}
+
 /// Why groups cannot be compared.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NoComparison {
@@ -100,6 +106,8 @@ pub struct ComparedGroup {
     pub plant: PlantName,
     /// The spec whose identifications are compared; null where no trial is identified.
     pub spec: Option<SpecChoice>,
+    /// Its axis of practice: from the first to the last trial of this group and of those that it is compared with.
+    pub practice: PracticeAxis,
     /// People.
     pub people: usize,
     /// Each metric: curves, means, changes.
@@ -137,8 +145,6 @@ pub struct Families {
 pub struct StudyComparison {
     /// The settings, as used.
     pub settings: ComparisonSettings,
-    /// How trials are counted over sessions; null without trials.
-    pub practice: Option<PracticeAxis>,
     /// Every group on every plant it worked with.
     pub groups: Vec<ComparedGroup>,
     /// Every pair of different groups: on each plant that both worked with, and where they share none, across plants.
@@ -158,19 +164,36 @@ fn chosen(subjects: &[SubjectInput], options: &ComparisonOptions) -> Vec<Subject
     subjects.iter().filter(wanted).cloned().collect()
 }
 
-/// The study's first and last trial, by session and number.
-fn ends(subjects: &[SubjectInput]) -> Option<(TrialKey, TrialKey)> {
-    let keys = || subjects.iter().flat_map(|s| &s.trials).map(|t| (t.session, t.number));
-    keys().min().zip(keys().max())
+/// The first and last trial of the cells that are compared with each other, by session and number: for each cell.
+fn ends(cells: &[Cell], pairs: &[(usize, usize)]) -> Vec<(TrialKey, TrialKey)> {
+    let mut ends: Vec<(TrialKey, TrialKey)> = Vec::new();
+    for cell in cells {
+        let keys = || cell.subjects.iter().flat_map(|s| &s.1).map(|t| (t.session, t.number));
+        // A cell is made of a trial.
+        let (first, last) = keys().min().zip(keys().max()).unwrap_or_default();
+        ends.push((first, last));
+    }
+    // Cells in a chain of pairs share their ends; as many rounds as there are pairs reach the end of any chain.
+    for (i, j) in pairs.iter().cycle().take(pairs.len() * pairs.len()) {
+        let shared = (ends[*i].0.min(ends[*j].0), ends[*i].1.max(ends[*j].1));
+        (ends[*i], ends[*j]) = (shared, shared);
+    }
+    ends
 }
 
-/// The ids of everybody's first and last trial of the study, whose first controls are counted: with another threshold than
-/// the stored one these must be judged anew.
+/// The ids of everybody's first and last trial, whose first controls are counted: with another threshold than the stored
+/// one these must be judged anew.
 #[must_use]
-pub fn first_and_last_trials<'a>(subjects: &'a [SubjectInput], options: &ComparisonOptions) -> Vec<&'a str> {
-    let Some((first, last)) = ends(&chosen(subjects, options)) else { return Vec::new() };
-    let trials = subjects.iter().flat_map(|s| &s.trials);
-    trials.filter(|t| [first, last].contains(&(t.session, t.number))).map(|t| t.trial.as_str()).collect()
+pub fn first_and_last_trials(subjects: &[SubjectInput], options: &ComparisonOptions) -> Vec<String> {
+    let subjects = chosen(subjects, options);
+    let (cells, _) = cells(&subjects, &options.curves());
+    let ends = ends(&cells, &pairs(&cells));
+    let mut found = Vec::new();
+    for (cell, (first, last)) in cells.iter().zip(ends) {
+        let trials = cell.subjects.iter().flat_map(|s| &s.1);
+        found.extend(trials.filter(|t| [first, last].contains(&(t.session, t.number))).map(|t| t.trial.clone()));
+    }
+    found
 }
 
 /// Compares the groups of a study.
@@ -188,8 +211,7 @@ pub fn compare(subjects: &[SubjectInput], options: &ComparisonOptions) -> Result
         }
     }
     let subjects = chosen(subjects, options);
-    let curve_options = CurveOptions { spec_sha256: options.spec_sha256.clone(), ..CurveOptions::default() };
-    let (cells, mut remarks) = cells(&subjects, &curve_options);
+    let (cells, mut remarks) = cells(&subjects, &options.curves());
     let pairs = pairs(&cells);
     if pairs.len() > MOST_PAIRS {
         return Err(NoComparison::TooManyPairs { pairs: pairs.len() });
@@ -204,15 +226,14 @@ pub fn compare(subjects: &[SubjectInput], options: &ComparisonOptions) -> Result
             right_control_threshold: options.right_control_threshold,
             seed,
         },
-        practice: axis(&subjects),
         groups: Vec::new(),
         pairs: Vec::new(),
         families: Families { differences: 0, changes: 0, counts: 0 },
         findings: Vec::new(),
         remarks: Vec::new(),
     };
-    if let (Some(axis), Some(ends)) = (comparison.practice.clone(), ends(&subjects)) {
-        fill(&mut comparison, &cells, &pairs, &axis, ends, options);
+    if let Some(whole) = axis(&subjects) {
+        fill(&mut comparison, &cells, &pairs, &whole, options);
     }
     adjust(&mut comparison, options.correction);
     remarks.append(&mut comparison.remarks);
@@ -251,39 +272,42 @@ fn fill(
     comparison: &mut StudyComparison,
     cells: &[Cell],
     pairs: &[(usize, usize)],
-    axis: &PracticeAxis,
-    (first, last): (TrialKey, TrialKey),
+    whole: &PracticeAxis,
     options: &ComparisonOptions,
 ) {
     let settings = &options.settings;
-    let threshold = options.right_control_threshold;
-    // One source of errors for everybody, so that groups are not weighed differently.
-    let by_metric: Vec<(Metric, Vec<Vec<PersonSeries>>, ErrorSource)> = options
-        .metrics
+    let ends = ends(cells, pairs);
+    let k = |(session, number): TrialKey| whole.k(session, number);
+    let axes: Vec<PracticeAxis> = ends
         .iter()
-        .map(|metric| {
-            let people: Vec<Vec<PersonSeries>> = cells.iter().map(|cell| series(cell, *metric, axis)).collect();
-            let (errors, is_mixed) = error_source(people.iter().flatten());
-            if is_mixed {
-                comparison.remarks.push(words::errors_partly_known(*metric));
-            }
-            (*metric, people, errors)
-        })
+        .map(|(first, last)| PracticeAxis { first: k(*first), last: k(*last), sessions: whole.sessions.clone() })
         .collect();
+    // One source of errors for everybody, so that groups are not weighed differently.
+    let mut by_metric: Vec<(Metric, Vec<Vec<PersonSeries>>, ErrorSource)> = Vec::new();
+    for metric in &options.metrics {
+        let people: Vec<Vec<PersonSeries>> = cells.iter().map(|cell| series(cell, *metric, whole)).collect();
+        let (errors, is_mixed) = error_source(people.iter().flatten());
+        if is_mixed {
+            comparison.remarks.push(words::errors_partly_known(*metric));
+        }
+        by_metric.push((*metric, people, errors));
+    }
     let has_values = |people: &[PersonSeries]| people.iter().any(|p| p.used().next().is_some());
     for (i, cell) in cells.iter().enumerate() {
         let metrics = by_metric
             .iter()
             .filter(|(_, people, _)| has_values(&people[i]))
-            .map(|(metric, people, errors)| group_metric(*metric, &people[i], *errors, axis, settings))
+            .map(|(metric, people, errors)| group_metric(*metric, &people[i], *errors, &axes[i], settings))
             .collect();
+        let (first, last) = ends[i];
         comparison.groups.push(ComparedGroup {
             group: cell.group.clone(),
             plant: cell.plant.clone(),
             spec: cell.spec.clone(),
+            practice: axes[i].clone(),
             people: cell.subjects.len(),
             metrics,
-            counts: group_counts(cell, first, last, threshold),
+            counts: group_counts(cell, first, last, options.right_control_threshold),
         });
     }
     for (first, second) in pairs {
@@ -291,7 +315,7 @@ fn fill(
             .iter()
             .filter(|(_, people, _)| has_values(&people[*first]) && has_values(&people[*second]))
             .map(|(metric, people, errors)| {
-                pair_metric(*metric, &people[*first], &people[*second], *errors, axis, settings)
+                pair_metric(*metric, &people[*first], &people[*second], *errors, &axes[*first], settings)
             })
             .collect();
         let counts = pair_counts(&comparison.groups[*first].counts, &comparison.groups[*second].counts, settings.seed);

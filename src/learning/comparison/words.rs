@@ -2,8 +2,9 @@
 
 use super::counts::Proportion;
 use super::metric::{GroupContrast, PairContrast};
-use super::people::{Contrast, CurveForm};
+use super::people::{Contrast, CurveForm, PersonCurve};
 use super::permutation::{Enumeration, fewest_people};
+use super::series::PracticeAxis;
 use super::shape::ErrorSource;
 use super::study::{ComparedGroup, ComparedPair, StudyComparison};
 use crate::learning::curves::Metric;
@@ -13,7 +14,7 @@ use crate::learning::inputs::{Remark, SpecChoice};
 const LEVEL: f64 = 0.05;
 
 /// Three significant digits.
-pub(super) fn number(value: f64) -> String {
+pub(crate) fn number(value: f64) -> String {
     let digits = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
     if !(-4..7).contains(&digits) {
         return format!("{value:.2e}");
@@ -25,7 +26,8 @@ fn interval([low, high]: [f64; 2]) -> String {
     format!("[{}, {}]", number(low), number(high))
 }
 
-fn symbol(metric: Metric) -> &'static str {
+/// The metric as the papers write it.
+pub(crate) fn symbol(metric: Metric) -> &'static str {
     match metric {
         Metric::MeanAbsError => "‖e‖",
         Metric::RmsError => "rms error",
@@ -43,9 +45,8 @@ impl ComparedGroup {
     }
 }
 
-fn what(contrast: Contrast, sessions: Option<[i64; 2]>, comparison: &StudyComparison) -> String {
-    let axis = comparison.practice.as_ref();
-    let [first, last] = [axis.map_or(0.0, |a| a.first), axis.map_or(0.0, |a| a.last)];
+fn what(contrast: Contrast, sessions: Option<[i64; 2]>, axis: &PracticeAxis) -> String {
+    let PracticeAxis { first, last, .. } = axis;
     match (contrast, sessions) {
         (Contrast::First, _) => format!("at trial {first}"),
         (Contrast::Last, _) => format!("at trial {last}"),
@@ -75,7 +76,9 @@ pub(super) fn findings(comparison: &StudyComparison) -> Vec<String> {
         let names = [&comparison.groups[pair.first], &comparison.groups[pair.second]].map(ComparedGroup::name);
         for metric in &pair.metrics {
             for contrast in &metric.contrasts {
-                found.push(difference(comparison, &names, metric.metric, contrast));
+                let what = what(contrast.contrast, contrast.sessions, &comparison.groups[pair.first].practice);
+                let head = format!("{} less {}, {}, {what}", names[1], names[0], symbol(metric.metric));
+                found.push(difference(comparison, &names, &head, contrast));
             }
         }
         found.extend(counts(comparison, pair, &names));
@@ -97,7 +100,7 @@ fn change(
         "{}, {}, {}",
         group.name(),
         symbol(metric),
-        what(contrast.contrast, contrast.sessions, comparison)
+        what(contrast.contrast, contrast.sessions, &group.practice)
     );
     let Some((mean, all)) = contrast.mean.as_ref().and_then(|m| Some((m.coefficients.first()?, m))) else {
         let why = contrast.no_mean.as_deref().unwrap_or("no reason given");
@@ -130,19 +133,7 @@ fn change(
     Some(text + ".")
 }
 
-fn difference(
-    comparison: &StudyComparison,
-    names: &[String; 2],
-    metric: Metric,
-    contrast: &PairContrast,
-) -> String {
-    let head = format!(
-        "{} less {}, {}, {}",
-        names[1],
-        names[0],
-        symbol(metric),
-        what(contrast.contrast, contrast.sessions, comparison)
-    );
+fn difference(comparison: &StudyComparison, names: &[String; 2], head: &str, contrast: &PairContrast) -> String {
     let estimate = contrast.difference.as_ref().map_or_else(
         || {
             let why = contrast.no_difference.as_deref().unwrap_or("no reason given");
@@ -256,8 +247,7 @@ pub(super) fn remarks(comparison: &StudyComparison) -> Vec<Remark> {
         let text = "there is one group, so that only its change with practice is described";
         remarks.push(Remark::new("one_group", text.to_owned()));
     }
-    let axis = comparison.practice.as_ref();
-    if axis.is_some_and(|a| a.sessions.len() > 1) && comparison.settings.curve != CurveForm::Trials {
+    if comparison.groups.iter().any(|g| g.practice.sessions.len() > 1) && comparison.settings.curve != CurveForm::Trials {
         remarks.push(Remark::new(
             "curve_over_sessions",
             "one curve goes through all sessions, as if nothing were forgotten between them; retention says whether".to_owned(),
@@ -278,7 +268,7 @@ fn of_group(comparison: &StudyComparison, group: &ComparedGroup, remarks: &mut V
     }
     for metric in &group.metrics {
         let name = symbol(metric.metric);
-        let codes = |chosen: &dyn Fn(&super::people::PersonCurve) -> bool| {
+        let codes = |chosen: &dyn Fn(&PersonCurve) -> bool| {
             metric.people.iter().filter(|p| chosen(p)).map(|p| p.code.as_str()).collect::<Vec<_>>().join(", ")
         };
         let without = codes(&|p| p.no_fit.is_some());
@@ -289,7 +279,7 @@ fn of_group(comparison: &StudyComparison, group: &ComparedGroup, remarks: &mut V
         if !at_bound.is_empty() {
             add("shape_at_bound", format!("the rate or exponent of {name} ends at its bound for {at_bound}"));
         }
-        let scaled = |p: &super::people::PersonCurve| p.fit.as_ref().is_some_and(|f| f.variance_factor > 1.0);
+        let scaled = |p: &PersonCurve| p.fit.as_ref().is_some_and(|f| f.variance_factor > 1.0);
         let scaled = codes(&|p| metric.errors == ErrorSource::Known && scaled(p));
         if !scaled.is_empty() {
             add(
@@ -297,7 +287,7 @@ fn of_group(comparison: &StudyComparison, group: &ComparedGroup, remarks: &mut V
                 format!("the values of {name} scatter more than their errors allow for {scaled}; their errors are scaled up"),
             );
         }
-        let extrapolated = |p: &super::people::PersonCurve| p.fit.is_some() && (p.first_extrapolated || p.last_extrapolated);
+        let extrapolated = |p: &PersonCurve| p.fit.is_some() && (p.first_extrapolated || p.last_extrapolated);
         let beyond = codes(&extrapolated);
         if !beyond.is_empty() {
             let divergent = metric.people.iter().filter(|p| extrapolated(p) && p.divergent > 0).count();
@@ -340,7 +330,7 @@ fn of_pair(comparison: &StudyComparison, pair: &ComparedPair, remarks: &mut Vec<
                     format!(
                         "{who}, {}, {}: p {} lies on the other side of 5 % where {}",
                         symbol(metric.metric),
-                        what(contrast.contrast, contrast.sessions, comparison),
+                        what(contrast.contrast, contrast.sessions, &comparison.groups[pair.first].practice),
                         number(main.p),
                         otherwise.join("; where ")
                     ),
