@@ -297,7 +297,7 @@ fn extrapolated_people_are_left_out_and_named() {
     // A divergent trial is counted, by people.
     let counts = &found.groups[1].counts;
     assert_eq!((counts.people_with_divergent_trials.count, counts.people_with_divergent_trials.of), (1, 6));
-    assert_eq!(found.pairs[0].counts.no_mixed_logit.as_ref().unwrap().contains("no finite estimate"), true);
+    assert!(found.pairs[0].counts.no_mixed_logit.as_ref().unwrap().contains("no finite estimate"));
     assert_eq!(counts.right_control_first.people.count, 0);
     assert_eq!(found.groups[0].counts.right_control_first.undetermined, ["a00"]);
     assert_eq!(counts.right_control_last.people.count, 6);

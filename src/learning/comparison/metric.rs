@@ -309,12 +309,19 @@ fn pair_contrast((contrast, sessions): Asked, groups: [&[PersonValue]; 2], seed:
     let no_mean = means.iter().zip(["first", "second"]).find_map(|(mean, which)| {
         mean.as_ref().err().map(|why| format!("the {which} group has no mean with an interval: {why}"))
     });
+    let mut alternatives = Vec::new();
     let difference = match &means {
-        [Ok(first), Ok(second)] => Difference::of_means(first, second),
+        [Ok(first), Ok(second)] => {
+            if first.knapp_hartung_factor < 1.0 || second.knapp_hartung_factor < 1.0 {
+                let assumption = "means are no surer than the errors of their values allow (factor at least 1)".to_owned();
+                let safe = Difference::of_means_with_factor_at_least_one(first, second);
+                alternatives.extend(safe.map(|d| alternative(assumption, &d)));
+            }
+            Difference::of_means(first, second)
+        }
         _ => None,
     };
     let no_difference = difference.is_none().then(|| no_mean.unwrap_or_else(|| "the difference is not finite".to_owned()));
-    let mut alternatives = Vec::new();
     let all: Vec<f64> = y1.iter().chain(&y2).copied().collect();
     let variances: Vec<f64> = v1.iter().chain(&v2).copied().collect();
     let group: Vec<f64> = y1.iter().map(|_| 0.0).chain(y2.iter().map(|_| 1.0)).collect();

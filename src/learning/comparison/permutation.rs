@@ -17,6 +17,9 @@ use serde::{Deserialize, Serialize};
 pub const MOST_ALLOCATIONS: u64 = 3_000_000;
 /// Random allocations beyond: the standard error of p = 0.05 is then 0.0007.
 pub const DRAWS: usize = 100_000;
+/// Draws times people at most, which bounds the time: more than 500 people have fewer draws.
+const MOST_WORK: usize = 50_000_000;
+const FEWEST_DRAWS: usize = 1_000;
 /// The stream of random numbers that draws them.
 pub const STREAM: &str = "learning comparison permutation";
 /// Statistics that differ by less than this, relative to 1 + the largest value, are ties, and count as extreme.
@@ -96,8 +99,9 @@ pub fn two_groups(first: &[f64], second: &[f64], seed: u64) -> Option<Permutatio
     }
     let mut random = stream(seed, STREAM);
     let mut order: Vec<usize> = (0..n + m).collect();
-    search.reserve(DRAWS as u64);
-    for _ in 0..DRAWS {
+    let draws = draws(n + m);
+    search.reserve(draws as u64);
+    for _ in 0..draws {
         let (chosen, _) = order.partial_shuffle(&mut random, m);
         let sum = chosen.iter().map(|i| all[*i]).sum();
         let own = chosen.iter().filter(|i| **i < m).count();
@@ -135,8 +139,9 @@ pub fn signs(changes: &[f64], seed: u64) -> Option<Permutation> {
         return Some(search.exact(count, 2, smallest));
     }
     let mut random = stream(seed, STREAM);
-    search.reserve(DRAWS as u64);
-    for _ in 0..DRAWS {
+    let draws = draws(n);
+    search.reserve(draws as u64);
+    for _ in 0..draws {
         let (mut sum, mut positive) = (0.0, 0.0);
         for change in changes {
             let sign = if random.random::<bool>() { 1.0 } else { -1.0 };
@@ -146,6 +151,11 @@ pub fn signs(changes: &[f64], seed: u64) -> Option<Permutation> {
         search.see(sum / size, positive / size);
     }
     Some(search.random(seed, smallest))
+}
+
+/// Random allocations of so many people.
+fn draws(people: usize) -> usize {
+    DRAWS.min(MOST_WORK / people).max(FEWEST_DRAWS)
 }
 
 /// All ways to choose `left` more of the values from index `from` on, with the sum so far and how many of the chosen are

@@ -71,7 +71,7 @@ pub enum NoMean {
         /// People needed.
         needed: usize,
     },
-    /// All values are equal.
+    /// All values are equal, or, of a difference, all within each group.
     #[error("all people have the same value, which says nothing of the spread between people")]
     NoSpread,
     /// Not finite.
@@ -234,6 +234,10 @@ pub fn random_effects(y: &[f64], v: &[f64], group: Option<&[f64]>) -> Result<Ran
         }
     };
     let coefficients: Vec<Coefficient> = (0..columns).map(coefficient).collect();
+    // Values that agree to the last digit leave no error, and an interval of no width would claim to know the mean.
+    if coefficients.iter().any(|c| c.standard_error <= 1e-14 * c.value.abs()) {
+        return Err(NoMean::NoSpread);
+    }
     if coefficients.iter().any(|c| !(c.value.is_finite() && c.standard_error.is_finite() && c.p.is_finite())) {
         return Err(NoMean::NotFinite);
     }
@@ -298,6 +302,17 @@ impl Difference {
         let part = |m: &RandomEffects| {
             let mean = m.coefficients.first()?;
             Some((mean.value, mean.standard_error, m.degrees_of_freedom as f64))
+        };
+        satterthwaite(part(first)?, part(second)?)
+    }
+
+    /// The same with factors of 1 or more: the means are never surer than the errors of their values allow.
+    #[must_use]
+    pub fn of_means_with_factor_at_least_one(first: &RandomEffects, second: &RandomEffects) -> Option<Self> {
+        let part = |m: &RandomEffects| {
+            let mean = m.coefficients.first()?;
+            let error = mean.standard_error_plain * m.knapp_hartung_factor.max(1.0).sqrt();
+            Some((mean.value, error, m.degrees_of_freedom as f64))
         };
         satterthwaite(part(first)?, part(second)?)
     }

@@ -345,14 +345,20 @@ fn adjust(comparison: &mut StudyComparison, correction: Correction) {
     comparison.families.changes = adjust_family(correction, tests);
 
     let mut tests = Vec::new();
-    for counts in comparison.pairs.iter_mut().map(|p| &mut p.counts) {
-        tests.extend(counts.divergent.as_ref().map(|d| d.p).map(|p| (p, &mut counts.divergent_p_adjusted)));
+    let groups = &comparison.groups;
+    let has_divergent = |i: usize| groups[i].counts.people_with_divergent_trials.count > 0;
+    for pair in &mut comparison.pairs {
+        let counts = &mut pair.counts;
+        // Counts that could not have come out otherwise are no tests.
+        let divergent = counts.divergent.as_ref().filter(|_| has_divergent(pair.first) || has_divergent(pair.second));
+        tests.extend(divergent.map(|d| d.p).map(|p| (p, &mut counts.divergent_p_adjusted)));
         let of_people = [
             &mut counts.people_with_divergent_trials,
             &mut counts.right_control_first,
             &mut counts.right_control_last,
         ];
-        tests.extend(of_people.into_iter().flatten().map(|d| (d.fisher_p, &mut d.p_adjusted)));
+        let could_differ = of_people.into_iter().flatten().filter(|d| d.smallest_p < 1.0 - 1e-9);
+        tests.extend(could_differ.map(|d| (d.fisher_p, &mut d.p_adjusted)));
     }
     comparison.families.counts = adjust_family(correction, tests);
 }

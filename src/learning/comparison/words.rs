@@ -57,7 +57,8 @@ fn what(contrast: Contrast, sessions: Option<[i64; 2]>, axis: &PracticeAxis) -> 
     }
 }
 
-fn adjusted(comparison: &StudyComparison, p: f64, tests: usize) -> String {
+fn adjusted(comparison: &StudyComparison, p: Option<f64>, tests: usize) -> String {
+    let Some(p) = p else { return "not adjusted, since it could not have come out otherwise".to_owned() };
     let correction = comparison.settings.correction.name();
     let tests = if tests == 1 { "one test".to_owned() } else { format!("{tests} tests") };
     format!("{} after {correction} over {tests}", number(p))
@@ -112,7 +113,7 @@ fn change(
         interval(mean.interval95),
         all.k,
         number(mean.p),
-        adjusted(comparison, contrast.p_adjusted.unwrap_or(mean.p), comparison.families.changes)
+        adjusted(comparison, contrast.p_adjusted, comparison.families.changes)
     );
     if let Some(signs) = &contrast.signs {
         if signs.smallest_p > LEVEL {
@@ -148,7 +149,7 @@ fn difference(comparison: &StudyComparison, names: &[String; 2], head: &str, con
     let tests = comparison.families.differences;
     let p = contrast.p_adjusted.unwrap_or(test.p);
     let kind = if test.enumeration == Enumeration::Exact { "exact permutation" } else { "random permutation" };
-    let result = format!("{kind} of {n} and {m} people p {}, {}", number(test.p), adjusted(comparison, p, tests));
+    let result = format!("{kind} of {n} and {m} people p {}, {}", number(test.p), adjusted(comparison, Some(p), tests));
     let verdict = if test.smallest_p > LEVEL {
         format!(
             "no test at 5 % exists with {n} and {m} people, whose smallest possible p is {}: this says nothing for or against \
@@ -198,7 +199,7 @@ fn counts(comparison: &StudyComparison, pair: &ComparedPair, names: &[String; 2]
             names[1],
             number(test.difference),
             number(test.p),
-            adjusted(comparison, pair.counts.divergent_p_adjusted.unwrap_or(test.p), tests)
+            adjusted(comparison, pair.counts.divergent_p_adjusted, tests)
         ));
     }
     let threshold = number(comparison.settings.right_control_threshold);
@@ -207,9 +208,10 @@ fn counts(comparison: &StudyComparison, pair: &ComparedPair, names: &[String; 2]
         (&pair.counts.right_control_last, "last", groups.map(|g| &g.right_control_last.people)),
     ] {
         let Some(d) = difference else { continue };
+        let none = if d.smallest_p > LEVEL { "; no table of so many people reaches 5 %" } else { "" };
         found.push(format!(
             "Right control at the start of the study's {at} trial (|u| > {threshold}): {} people in {}, {} in {}; difference \
-             {} {} (Fisher p {}, {}).",
+             {} {} (Fisher p {}, {}{none}).",
             share(of[0]),
             names[0],
             share(of[1]),
@@ -217,7 +219,7 @@ fn counts(comparison: &StudyComparison, pair: &ComparedPair, names: &[String; 2]
             number(d.difference),
             interval(d.newcombe95),
             number(d.fisher_p),
-            adjusted(comparison, d.p_adjusted.unwrap_or(d.fisher_p), tests)
+            adjusted(comparison, d.p_adjusted, tests)
         ));
     }
     found
