@@ -4,8 +4,8 @@ use super::guard::guard;
 use super::problem::{HttpProblem, PROBLEM_JSON};
 use super::state::AppState;
 use super::{
-    analyses, comparison, docs, events, frequency_responses, kinds, learning_curves, ops, plants, samples, schema, signals,
-    studies, study_analyses, subjects, trials, upload,
+    analyses, comparison, docs, events, frequency_responses, kinds, learning_curves, ops, plants, samples, schema,
+    signals, studies, study_analyses, subjects, trials, upload,
 };
 use axum::Router;
 use serde_json::Value;

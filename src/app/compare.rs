@@ -3,8 +3,8 @@
 use super::{Answer, ask};
 use crate::learning::StudyComparison;
 use crate::learning::comparison::people::Contrast;
-use crate::learning::comparison::study::ComparedGroup;
-use crate::learning::comparison::words::{number, symbol};
+use crate::learning::comparison::report::ComparedGroup;
+use crate::learning::comparison::text::{number, symbol};
 use crate::store::{Page, Store};
 use anyhow::{Context as _, bail};
 use clap::Args;
@@ -178,7 +178,9 @@ fn rows(out: &mut impl Write, group: &ComparedGroup) -> io::Result<()> {
     for metric in &group.metrics {
         let cell = |wanted: Contrast| {
             let found = metric.contrasts.iter().find(|c| c.contrast == wanted)?;
-            let Some(mean) = found.mean.as_ref().and_then(|m| m.coefficients.first()) else { return Some("-".to_owned()) };
+            let Some(mean) = found.mean.as_ref().and_then(|m| m.coefficients.first()) else {
+                return Some("-".to_owned());
+            };
             let [low, high] = mean.interval95;
             Some(format!("{} [{}, {}]", number(mean.value), number(low), number(high)))
         };

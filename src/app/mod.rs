@@ -27,9 +27,8 @@ pub(crate) enum Answer {
 /// # Errors
 /// When there is no answer.
 pub(crate) async fn ask(store: &Store, path: &str) -> anyhow::Result<Answer> {
-    let request = axum::http::Request::get(path)
-        .header(axum::http::header::HOST, "localhost")
-        .body(axum::body::Body::empty())?;
+    let request =
+        axum::http::Request::get(path).header(axum::http::header::HOST, "localhost").body(axum::body::Body::empty())?;
     let response = router(AppState::new(store.clone())).oneshot(request).await?;
     let is_success = response.status().is_success();
     let body = axum::body::to_bytes(response.into_body(), MOST_ANSWER_BYTES).await?.to_vec();

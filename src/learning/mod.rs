@@ -16,7 +16,8 @@ pub mod time_domain;
 pub mod trend;
 
 pub use bode::{StudyFrequencyResponses, TrialSelection, study_frequency_responses};
-pub use comparison::study::{ComparisonOptions, StudyComparison, compare};
+pub use comparison::report::StudyComparison;
+pub use comparison::study::{ComparisonOptions, compare};
 pub use curves::{CurveOptions, SubjectLearningCurve, subject_learning_curve};
 pub use groups::{StudyLearningCurves, study_learning_curves};
 pub use inputs::{

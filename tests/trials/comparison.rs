@@ -196,11 +196,7 @@ fn means_and_differences_of_groups_are_the_golden_ones() {
     }
 }
 
-fn same_permutation(
-    test: &volition::learning::comparison::permutation::Permutation,
-    expected: &Value,
-    what: &str,
-) {
+fn same_permutation(test: &volition::learning::comparison::permutation::Permutation, expected: &Value, what: &str) {
     assert_eq!(test.allocations, expected["allocations"].as_u64().unwrap(), "{what}");
     near(test.difference, &expected["difference"], 1e-3, what);
     near(test.p, &expected["p"], 0.0, &format!("{what} permutation p"));
@@ -242,7 +238,10 @@ fn mixed_models_are_the_golden_ones() {
         }
         let likelihood = &expected["minus2_restricted_loglik_without_constant"];
         near(found.minus_twice_restricted_log_likelihood, likelihood, 0.0, name);
-        assert_eq!((found.n as u64, found.people as u64), (expected["n"].as_u64().unwrap(), expected["subjects"].as_u64().unwrap()));
+        assert_eq!(
+            (found.n as u64, found.people as u64),
+            (expected["n"].as_u64().unwrap(), expected["subjects"].as_u64().unwrap())
+        );
         models += 1;
     }
     assert_eq!(models, 5);
@@ -264,9 +263,8 @@ fn counts_are_the_golden_ones() {
 
     let divergent = &counts["divergent_trials"];
     let [x, n, g] = ["x", "n", "group"].map(|k| list(&divergent["input"][k]));
-    let people: Vec<PersonCount> = (0..x.len())
-        .map(|i| PersonCount { count: x[i] as usize, of: n[i] as usize, second: g[i] == 1.0 })
-        .collect();
+    let people: Vec<PersonCount> =
+        (0..x.len()).map(|i| PersonCount { count: x[i] as usize, of: n[i] as usize, second: g[i] == 1.0 }).collect();
     let found = mixed_logit(&people).unwrap();
     let expected = &divergent["mixed_logit"];
     near(found.intercept, &expected["intercept"], 0.0, "β₀");
@@ -330,7 +328,11 @@ fn the_whole_road_from_trials_to_differences_is_the_golden_one() {
         let scaled = means.iter().flat_map(|m| &m.people).any(|p| p.fit.as_ref().unwrap().variance_factor > 1.0);
         for (i, contrast) in ["first", "last", "change"].into_iter().enumerate() {
             let (expected, what) = (&answer[contrast], format!("{name} {contrast}"));
-            same_permutation(pair.contrasts[i].permutation.as_ref().unwrap(), &expected["permutation_1_minus_0"], &what);
+            same_permutation(
+                pair.contrasts[i].permutation.as_ref().unwrap(),
+                &expected["permutation_1_minus_0"],
+                &what,
+            );
             if scaled {
                 continue;
             }

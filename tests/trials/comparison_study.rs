@@ -6,7 +6,8 @@ use rand::RngExt as _;
 use volition::learning::comparison::people::{Contrast, CurveForm};
 use volition::learning::comparison::permutation::{Enumeration, Permutation, fewest_people, signs, two_groups};
 use volition::learning::comparison::random_effects::random_effects;
-use volition::learning::comparison::study::{ComparisonOptions, NoComparison, StudyComparison, compare};
+use volition::learning::comparison::report::StudyComparison;
+use volition::learning::comparison::study::{ComparisonOptions, NoComparison, compare};
 use volition::learning::curves::Metric;
 use volition::learning::time_domain::TimeDomainMetrics;
 use volition::learning::{PlantName, SubjectInput, TrialInput};
@@ -244,7 +245,10 @@ fn a_difference_is_found_with_its_interval_and_said_in_words() {
     let two_stages = last.difference.as_ref().unwrap();
     assert!((model.difference - two_stages.difference).abs() < two_stages.standard_error, "{last:?}");
     let sentence = found.findings.iter().find(|s| s.contains("b on lag less a on lag, ‖e‖, at trial 12")).unwrap();
-    assert!(sentence.contains("the groups differ, b on lag being higher") && sentence.contains("Holm over 3"), "{sentence}");
+    assert!(
+        sentence.contains("the groups differ, b on lag being higher") && sentence.contains("Holm over 3"),
+        "{sentence}"
+    );
     // The change is the same in truth: nothing is claimed, and that is no proof of equality.
     let change = found.findings.iter().find(|s| s.contains("less a on lag, ‖e‖, change from")).unwrap();
     assert!(change.contains("no proof that there is none: the data allow anything in ["), "{change}");
@@ -261,15 +265,23 @@ fn three_people_have_no_test_and_that_is_said() {
     let last = &found.pairs[0].metrics[0].contrasts[1];
     assert_eq!(last.permutation.as_ref().unwrap().smallest_p, 0.1);
     let sentence = found.findings.iter().find(|s| s.contains("less a on lag, ‖e‖, at trial 12")).unwrap();
-    assert!(sentence.contains("no test at 5 % exists with 3 and 3 people, whose smallest possible p is 0.1"), "{sentence}");
+    assert!(
+        sentence.contains("no test at 5 % exists with 3 and 3 people, whose smallest possible p is 0.1"),
+        "{sentence}"
+    );
     assert!(sentence.contains("it takes 4 in each group"), "{sentence}");
     assert!(!sentence.contains("no difference is shown") && !sentence.contains("the groups differ"), "{sentence}");
     // Four people have a test, but not after adjustment for three.
     let four = compare(&study(4, 12, 0.5), &options()).unwrap();
     let sentence = four.findings.iter().find(|s| s.contains("less a on lag, ‖e‖, at trial 12")).unwrap();
     assert!(sentence.contains("no single result could have reached 5 %"), "{sentence}");
-    let alone = ComparisonOptions { settings: volition::learning::comparison::metric::MetricSettings {
-        contrasts: vec![Contrast::Last], ..options().settings }, ..options() };
+    let alone = ComparisonOptions {
+        settings: volition::learning::comparison::metric::MetricSettings {
+            contrasts: vec![Contrast::Last],
+            ..options().settings
+        },
+        ..options()
+    };
     let four = compare(&study(4, 12, 0.5), &alone).unwrap();
     assert!(four.findings.iter().any(|s| s.contains("the groups differ")), "{:?}", four.findings);
 }
@@ -376,8 +388,11 @@ fn people_are_compared_on_the_plant_they_share() {
     let mut subjects = study(4, 6, 0.0);
     for subject in &mut subjects {
         let other = PlantName { id: "q".to_owned(), name: "double lag".to_owned() };
-        let more: Vec<TrialInput> =
-            subject.trials.iter().map(|t| TrialInput { plant: other.clone(), number: t.number + 6, ..t.clone() }).collect();
+        let more: Vec<TrialInput> = subject
+            .trials
+            .iter()
+            .map(|t| TrialInput { plant: other.clone(), number: t.number + 6, ..t.clone() })
+            .collect();
         subject.trials.extend(more);
     }
     let plants = |found: &StudyComparison| -> Vec<(String, String)> {

@@ -38,13 +38,7 @@ pub fn proportion(count: usize, of: usize) -> Proportion {
         if count == 0 { 0.0 } else { beta_quantile(0.025, x, n - x + 1.0) },
         if count == of { 1.0 } else { beta_quantile(0.975, x + 1.0, n - x) },
     ];
-    Proportion {
-        count,
-        of,
-        proportion: Some(x / n),
-        wilson95: Some(wilson(count, of)),
-        clopper_pearson95: Some(exact),
-    }
+    Proportion { count, of, proportion: Some(x / n), wilson95: Some(wilson(count, of)), clopper_pearson95: Some(exact) }
 }
 
 fn wilson(count: usize, of: usize) -> [f64; 2] {
@@ -52,10 +46,7 @@ fn wilson(count: usize, of: usize) -> [f64; 2] {
     let share = x / n;
     let centre = (share + z2 / (2.0 * n)) / (1.0 + z2 / n);
     let half = NORMAL_95 / (1.0 + z2 / n) * (share * (1.0 - share) / n + z2 / (4.0 * n * n)).sqrt();
-    [
-        if count == 0 { 0.0 } else { (centre - half).max(0.0) },
-        if count == of { 1.0 } else { (centre + half).min(1.0) },
-    ]
+    [if count == 0 { 0.0 } else { (centre - half).max(0.0) }, if count == of { 1.0 } else { (centre + half).min(1.0) }]
 }
 
 /// Two proportions of independent people.
@@ -103,9 +94,7 @@ pub fn fisher(x1: usize, n1: usize, x2: usize, n2: usize) -> (f64, f64) {
     let all = x1 + x2;
     let probability = |x: usize| (choose(n1, x) + choose(n2, all - x) - choose(n1 + n2, all)).exp();
     let tables: Vec<f64> = (all.saturating_sub(n2)..=all.min(n1)).map(probability).collect();
-    let two_sided = |observed: f64| {
-        tables.iter().filter(|p| **p <= observed * (1.0 + TIE)).sum::<f64>().min(1.0)
-    };
+    let two_sided = |observed: f64| tables.iter().filter(|p| **p <= observed * (1.0 + TIE)).sum::<f64>().min(1.0);
     let least = tables.iter().copied().fold(f64::INFINITY, f64::min);
     (two_sided(probability(x1)), two_sided(least))
 }

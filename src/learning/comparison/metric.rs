@@ -2,7 +2,9 @@
 
 use super::effect::{HedgesG, detectable_difference, hedges_g, welch};
 use super::mixed_model::{MixedModel, TrialRow, mixed_model};
-use super::people::{Contrast, CurveForm, LeftOut, PersonCurve, PersonValue, curves, of_curves, of_sessions, of_trials};
+use super::people::{
+    Contrast, CurveForm, LeftOut, PersonCurve, PersonValue, curves, of_curves, of_sessions, of_trials,
+};
 use super::permutation::{Permutation, signs, two_groups};
 use super::random_effects::{Difference, RandomEffects, random_effects};
 use super::series::{PersonSeries, PracticeAxis};
@@ -313,7 +315,8 @@ fn pair_contrast((contrast, sessions): Asked, groups: [&[PersonValue]; 2], seed:
     let difference = match &means {
         [Ok(first), Ok(second)] => {
             if first.knapp_hartung_factor < 1.0 || second.knapp_hartung_factor < 1.0 {
-                let assumption = "means are no surer than the errors of their values allow (factor at least 1)".to_owned();
+                let assumption =
+                    "means are no surer than the errors of their values allow (factor at least 1)".to_owned();
                 let safe = Difference::of_means_with_factor_at_least_one(first, second);
                 alternatives.extend(safe.map(|d| alternative(assumption, &d)));
             }
@@ -321,11 +324,13 @@ fn pair_contrast((contrast, sessions): Asked, groups: [&[PersonValue]; 2], seed:
         }
         _ => None,
     };
-    let no_difference = difference.is_none().then(|| no_mean.unwrap_or_else(|| "the difference is not finite".to_owned()));
+    let no_difference =
+        difference.is_none().then(|| no_mean.unwrap_or_else(|| "the difference is not finite".to_owned()));
     let all: Vec<f64> = y1.iter().chain(&y2).copied().collect();
     let variances: Vec<f64> = v1.iter().chain(&v2).copied().collect();
     let group: Vec<f64> = y1.iter().map(|_| 0.0).chain(y2.iter().map(|_| 1.0)).collect();
-    if let Some(found) = random_effects(&all, &variances, Some(&group)).ok().and_then(|m| m.coefficients.into_iter().nth(1))
+    if let Some(found) =
+        random_effects(&all, &variances, Some(&group)).ok().and_then(|m| m.coefficients.into_iter().nth(1))
     {
         alternatives.push(Alternative {
             assumption: "people vary as much in both groups (one τ²)".to_owned(),
@@ -373,7 +378,7 @@ fn models(
         if ratio > NEARLY_EQUAL {
             return Err(format!(
                 "it takes errors as equal in all trials, and the known variances differ by a factor of {}",
-                super::words::number(ratio)
+                super::text::number(ratio)
             ));
         }
     }
@@ -405,7 +410,7 @@ fn from_model(model: &MixedModel, contrast: Contrast, axis: &PracticeAxis) -> Op
         Contrast::Retention => return None,
     };
     let found = model.difference(asymptotes, decay)?;
-    let tau = super::words::number(model.tau_trials);
+    let tau = super::text::number(model.tau_trials);
     Some(Alternative {
         assumption: format!("mixed model on single trials, everybody with τ = {tau} trials"),
         difference: found.difference,

@@ -220,9 +220,8 @@ impl MixedModel {
     pub fn difference(&self, asymptotes: f64, decay: f64) -> Option<ModelDifference> {
         let [_, _, group, group_decay] = self.coefficients[..] else { return None };
         let c = |i: usize, j: usize| self.covariance.get(i).and_then(|row| row.get(j)).copied();
-        let variance = asymptotes * asymptotes * c(2, 2)?
-            + 2.0 * asymptotes * decay * c(2, 3)?
-            + decay * decay * c(3, 3)?;
+        let variance =
+            asymptotes * asymptotes * c(2, 2)? + 2.0 * asymptotes * decay * c(2, 3)? + decay * decay * c(3, 3)?;
         let (difference, standard_error) = (asymptotes * group + decay * group_decay, variance.max(0.0).sqrt());
         let degrees = self.people.checked_sub(2)? as f64;
         if !(standard_error > 0.0 && degrees > 0.0) {

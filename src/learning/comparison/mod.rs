@@ -16,10 +16,12 @@ pub mod people;
 pub mod people_counts;
 pub mod permutation;
 pub mod random_effects;
+pub mod report;
 pub mod series;
 pub mod shape;
 pub mod study;
-pub(crate) mod words;
+pub(crate) mod text;
+mod words;
 
 /// Why something was not estimated, in words.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

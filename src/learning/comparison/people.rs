@@ -151,9 +151,7 @@ pub(super) fn of_curves(curves: &[PersonCurve], contrast: Contrast) -> (Vec<Pers
         let (Estimate { value, standard_error }, extrapolated) = match contrast {
             Contrast::First => (fit.first, curve.first_extrapolated),
             Contrast::Last => (fit.last, curve.last_extrapolated),
-            Contrast::Change | Contrast::Retention => {
-                (fit.change, curve.first_extrapolated || curve.last_extrapolated)
-            }
+            Contrast::Change | Contrast::Retention => (fit.change, curve.first_extrapolated || curve.last_extrapolated),
         };
         let variance = standard_error * standard_error;
         values.push(PersonValue { code: curve.code.clone(), value, variance, extrapolated });
@@ -174,8 +172,9 @@ pub(super) fn of_trials(
         let found = match contrast {
             Contrast::First => at(axis.first),
             Contrast::Last => at(axis.last),
-            Contrast::Change | Contrast::Retention => at(axis.first)
-                .and_then(|first| at(axis.last).map(|last| (last.0 - first.0, last.1 + first.1))),
+            Contrast::Change | Contrast::Retention => {
+                at(axis.first).and_then(|first| at(axis.last).map(|last| (last.0 - first.0, last.1 + first.1)))
+            }
         };
         match found {
             Ok((value, variance)) => {

@@ -70,10 +70,11 @@ pub(super) type TrialKey = (Option<i64>, i64);
 
 /// The counts of a group; first controls that were judged with another threshold are not counted.
 pub(super) fn group_counts(cell: &Cell, first: TrialKey, last: TrialKey, threshold: f64) -> GroupCounts {
-    let divergence = |(subject, trials): &(&crate::learning::inputs::SubjectInput, Vec<&TrialInput>)| PersonDivergence {
-        code: subject.code.clone(),
-        divergent: Count { count: trials.iter().filter(|t| t.divergent).count(), of: trials.len() },
-    };
+    let divergence =
+        |(subject, trials): &(&crate::learning::inputs::SubjectInput, Vec<&TrialInput>)| PersonDivergence {
+            code: subject.code.clone(),
+            divergent: Count { count: trials.iter().filter(|t| t.divergent).count(), of: trials.len() },
+        };
     let divergent: Vec<PersonDivergence> = cell.subjects.iter().map(divergence).collect();
     let with = divergent.iter().filter(|p| p.divergent.count > 0).count();
     let right = |(session, number): TrialKey| {

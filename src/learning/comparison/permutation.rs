@@ -8,8 +8,8 @@
 //! shifts that the test at 5 % keeps are order statistics of those roots: one enumeration serves test and interval.
 
 use crate::num::rng::stream;
-use rand::seq::SliceRandom as _;
 use rand::RngExt as _;
+use rand::seq::SliceRandom as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -76,9 +76,8 @@ pub fn two_groups(first: &[f64], second: &[f64], seed: u64) -> Option<Permutatio
     let total: f64 = all.iter().sum();
     let (size, rest) = (m as f64, n as f64);
     // Sum of the values in the second group, and how many of them truly belong to it.
-    let statistic = |sum: f64, own: usize| {
-        (sum / size - (total - sum) / rest, own as f64 / size - (size - own as f64) / rest)
-    };
+    let statistic =
+        |sum: f64, own: usize| (sum / size - (total - sum) / rest, own as f64 / size - (size - own as f64) / rest);
     let count = binomial(n + m, m);
     let symmetric = n == m;
     let mut search = Extremes::new(&all, second.iter().sum::<f64>() / size - first.iter().sum::<f64>() / rest);
@@ -271,7 +270,7 @@ impl Extremes {
         if smallest_p > LEVEL {
             let why = format!(
                 "the smallest p of so few people is {}: no test at 5 % exists, and no interval that inverts it",
-                super::words::number(smallest_p)
+                super::text::number(smallest_p)
             );
             return (None, Some(why));
         }

@@ -231,11 +231,7 @@ pub(super) fn best_shape(
 }
 
 /// Where `profile` (log shape, residual sum) first and last crosses `threshold`; `None` on a side where it never does.
-pub(super) fn crossings(
-    profile: &[(f64, f64)],
-    rss: impl Fn(f64) -> f64,
-    threshold: f64,
-) -> [Option<f64>; 2] {
+pub(super) fn crossings(profile: &[(f64, f64)], rss: impl Fn(f64) -> f64, threshold: f64) -> [Option<f64>; 2] {
     let inside = |point: &(f64, f64)| point.1 <= threshold;
     let excess = |x: f64| rss(x.exp()) - threshold;
     let (Some(first), Some(last)) = (profile.iter().position(inside), profile.iter().rposition(inside)) else {
@@ -254,13 +250,7 @@ pub(super) fn crossings(
 ///
 /// # Errors
 /// [`NoFit`].
-pub fn fit(
-    law: Law,
-    points: &[Observation],
-    errors: ErrorSource,
-    first: f64,
-    last: f64,
-) -> Result<PersonFit, NoFit> {
+pub fn fit(law: Law, points: &[Observation], errors: ErrorSource, first: f64, last: f64) -> Result<PersonFit, NoFit> {
     let mut numbers: Vec<f64> = points.iter().map(|p| p.k).collect();
     numbers.sort_by(f64::total_cmp);
     numbers.dedup();
@@ -282,7 +272,9 @@ pub fn fit(
     let degrees = points.len() - free;
     let residual_scale = (degrees > 0).then(|| weighted_rss / degrees as f64);
     let (variance_factor, allowed) = match (errors, residual_scale) {
-        (ErrorSource::Known, scale) => (scale.filter(|s| *s > TOO_SMALL).unwrap_or(1.0), student_t(0.95, f64::INFINITY)),
+        (ErrorSource::Known, scale) => {
+            (scale.filter(|s| *s > TOO_SMALL).unwrap_or(1.0), student_t(0.95, f64::INFINITY))
+        }
         (ErrorSource::Residuals, Some(scale)) => (scale, student_t(0.95, degrees as f64)),
         (ErrorSource::Residuals, None) => return Err(NoFit::TooFew { found: points.len(), needed }),
     };
@@ -320,11 +312,7 @@ pub fn fit(
 }
 
 /// `(JᵀWJ)⁻¹` of the first `free` parameters; the others have none.
-fn covariance(
-    points: &[Observation],
-    gradient: impl Fn(f64) -> Vector3<f64>,
-    free: usize,
-) -> Option<Matrix3<f64>> {
+fn covariance(points: &[Observation], gradient: impl Fn(f64) -> Vector3<f64>, free: usize) -> Option<Matrix3<f64>> {
     let mut information = Matrix3::zeros();
     for p in points {
         let g = gradient(p.k);

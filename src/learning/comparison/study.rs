@@ -1,18 +1,17 @@
 //! The comparison of a study's groups.
 
-use super::metric::{GroupMetric, MetricSettings, PairMetric, group_metric, pair_metric};
+use super::metric::{MetricSettings, group_metric, pair_metric};
 use super::multiple::Correction;
 use super::people::{Contrast, CurveForm};
-use super::people_counts::{GroupCounts, PairCounts, TrialKey, group_counts, pair_counts};
+use super::people_counts::{TrialKey, group_counts, pair_counts};
+use super::report::{ComparedGroup, ComparedPair, ComparisonSettings, Families, StudyComparison};
 use super::series::{PersonSeries, PracticeAxis, error_source, series};
 use super::shape::ErrorSource;
 use super::words;
 use crate::learning::curves::{CurveOptions, Metric};
 use crate::learning::groups::{Cell, cells};
-use crate::learning::inputs::{PlantName, Remark, SpecChoice, SubjectInput};
+use crate::learning::inputs::SubjectInput;
 use crate::learning::time_domain::START_THRESHOLD;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// Pairs of groups that are compared at most: the time of a request.
@@ -78,83 +77,6 @@ pub enum NoComparison {
         /// Pairs.
         pairs: usize,
     },
-}
-
-/// The settings, as used.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct ComparisonSettings {
-    /// What a person's first and last value are.
-    pub curve: CurveForm,
-    /// How p-values are adjusted.
-    pub correction: Correction,
-    /// Whether people whose value is an extrapolation are left out of means and tests.
-    pub leave_out_extrapolated: bool,
-    /// Trials that retention averages over at the end and at the start of a session, at most.
-    pub retention_trials: usize,
-    /// The threshold on |u| of the first deliberate control, in units of u.
-    pub right_control_threshold: f64,
-    /// The seed of random allocations, where there are too many for all of them.
-    pub seed: u64,
-}
-
-/// One group on one plant.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct ComparedGroup {
-    /// The group; null for subjects without one.
-    pub group: Option<String>,
-    /// The plant.
-    pub plant: PlantName,
-    /// The spec whose identifications are compared; null where no trial is identified.
-    pub spec: Option<SpecChoice>,
-    /// Its axis of practice: from the first to the last trial of this group and of those that it is compared with.
-    pub practice: PracticeAxis,
-    /// People.
-    pub people: usize,
-    /// Each metric: curves, means, changes.
-    pub metrics: Vec<GroupMetric>,
-    /// Divergent trials and first controls.
-    pub counts: GroupCounts,
-}
-
-/// Two groups.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct ComparedPair {
-    /// The index of the first group among `groups`.
-    pub first: usize,
-    /// The index of the second, from which the first is subtracted.
-    pub second: usize,
-    /// Each metric.
-    pub metrics: Vec<PairMetric>,
-    /// Divergent trials and first controls.
-    pub counts: PairCounts,
-}
-
-/// How many tests each p-value was adjusted for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct Families {
-    /// Differences between groups: metrics × contrasts × pairs.
-    pub differences: usize,
-    /// Changes within groups.
-    pub changes: usize,
-    /// Differences of counts.
-    pub counts: usize,
-}
-
-/// The comparison of a study's groups.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct StudyComparison {
-    /// The settings, as used.
-    pub settings: ComparisonSettings,
-    /// Every group on every plant it worked with.
-    pub groups: Vec<ComparedGroup>,
-    /// Every pair of different groups: on each plant that both worked with, and where they share none, across plants.
-    pub pairs: Vec<ComparedPair>,
-    /// How many tests the p-values are adjusted for, family by family.
-    pub families: Families,
-    /// What was found, and what so many people can and cannot show, sentence by sentence.
-    pub findings: Vec<String>,
-    /// What must be read before using the numbers.
-    pub remarks: Vec<Remark>,
 }
 
 fn chosen(subjects: &[SubjectInput], options: &ComparisonOptions) -> Vec<SubjectInput> {
@@ -339,9 +261,7 @@ fn adjust(comparison: &mut StudyComparison, correction: Correction) {
 
     let contrasts = comparison.groups.iter_mut().flat_map(|g| &mut g.metrics).flat_map(|m| &mut m.contrasts);
     let changes = contrasts.filter(|c| matches!(c.contrast, Contrast::Change | Contrast::Retention));
-    let tests = changes
-        .filter_map(|c| Some((c.mean.as_ref()?.coefficients.first()?.p, &mut c.p_adjusted)))
-        .collect();
+    let tests = changes.filter_map(|c| Some((c.mean.as_ref()?.coefficients.first()?.p, &mut c.p_adjusted))).collect();
     comparison.families.changes = adjust_family(correction, tests);
 
     let mut tests = Vec::new();
@@ -352,11 +272,8 @@ fn adjust(comparison: &mut StudyComparison, correction: Correction) {
         // Counts that could not have come out otherwise are no tests.
         let divergent = counts.divergent.as_ref().filter(|_| has_divergent(pair.first) || has_divergent(pair.second));
         tests.extend(divergent.map(|d| d.p).map(|p| (p, &mut counts.divergent_p_adjusted)));
-        let of_people = [
-            &mut counts.people_with_divergent_trials,
-            &mut counts.right_control_first,
-            &mut counts.right_control_last,
-        ];
+        let of_people =
+            [&mut counts.people_with_divergent_trials, &mut counts.right_control_first, &mut counts.right_control_last];
         let could_differ = of_people.into_iter().flatten().filter(|d| d.smallest_p < 1.0 - 1e-9);
         tests.extend(could_differ.map(|d| (d.fisher_p, &mut d.p_adjusted)));
     }

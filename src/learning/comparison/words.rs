@@ -4,38 +4,18 @@ use super::counts::Proportion;
 use super::metric::{GroupContrast, PairContrast};
 use super::people::{Contrast, CurveForm, PersonCurve};
 use super::permutation::{Enumeration, fewest_people};
+use super::report::{ComparedGroup, ComparedPair, StudyComparison};
 use super::series::PracticeAxis;
 use super::shape::ErrorSource;
-use super::study::{ComparedGroup, ComparedPair, StudyComparison};
+use super::text::{number, symbol};
 use crate::learning::curves::Metric;
 use crate::learning::inputs::{Remark, SpecChoice};
 
 /// The level of every test.
 const LEVEL: f64 = 0.05;
 
-/// Three significant digits.
-pub(crate) fn number(value: f64) -> String {
-    let digits = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
-    if !(-4..7).contains(&digits) {
-        return format!("{value:.2e}");
-    }
-    format!("{value:.*}", usize::try_from(2 - digits).unwrap_or(0))
-}
-
 fn interval([low, high]: [f64; 2]) -> String {
     format!("[{}, {}]", number(low), number(high))
-}
-
-/// The metric as the papers write it.
-pub(crate) fn symbol(metric: Metric) -> &'static str {
-    match metric {
-        Metric::MeanAbsError => "‖e‖",
-        Metric::RmsError => "rms error",
-        Metric::NormFeedback => "‖Gfb‖",
-        Metric::NormFeedforwardMinusInverse => "‖Gff − G⁻¹‖",
-        Metric::NormFeedforwardPlantMinusOne => "‖Gff G − 1‖",
-        Metric::VarianceAccountedFor => "variance accounted for",
-    }
 }
 
 impl ComparedGroup {
@@ -128,7 +108,8 @@ fn change(
     }
     if all.tau2 == 0.0 {
         let most = all.tau2_interval95.map(|i| i[1].sqrt()).filter(|sd| *sd > 0.0);
-        let most = most.map_or_else(|| "any small amount".to_owned(), |sd| format!("a standard deviation of {}", number(sd)));
+        let most =
+            most.map_or_else(|| "any small amount".to_owned(), |sd| format!("a standard deviation of {}", number(sd)));
         text += &format!("; variation between people is estimated as 0, and may be up to {most}");
     }
     Some(text + ".")
@@ -172,8 +153,12 @@ fn difference(comparison: &StudyComparison, names: &[String; 2], head: &str, con
         format!("no difference is shown, which is no proof that there is none{bounds}")
     };
     let power = contrast.detectable_in_sd.map_or_else(String::new, |sd| {
-        let here = contrast.hedges.as_ref().map_or_else(String::new, |h| format!(", here {}", number(sd * h.pooled_sd)));
-        format!(" So many people find a true difference of {} standard deviations{here} in 80 % of studies.", number(sd))
+        let here =
+            contrast.hedges.as_ref().map_or_else(String::new, |h| format!(", here {}", number(sd * h.pooled_sd)));
+        format!(
+            " So many people find a true difference of {} standard deviations{here} in 80 % of studies.",
+            number(sd)
+        )
     });
     format!("{head}: {estimate}; {result}: {verdict}.{power}")
 }
@@ -249,10 +234,12 @@ pub(super) fn remarks(comparison: &StudyComparison) -> Vec<Remark> {
         let text = "there is one group, so that only its change with practice is described";
         remarks.push(Remark::new("one_group", text.to_owned()));
     }
-    if comparison.groups.iter().any(|g| g.practice.sessions.len() > 1) && comparison.settings.curve != CurveForm::Trials {
+    if comparison.groups.iter().any(|g| g.practice.sessions.len() > 1) && comparison.settings.curve != CurveForm::Trials
+    {
         remarks.push(Remark::new(
             "curve_over_sessions",
-            "one curve goes through all sessions, as if nothing were forgotten between them; retention says whether".to_owned(),
+            "one curve goes through all sessions, as if nothing were forgotten between them; retention says whether"
+                .to_owned(),
         ));
     }
     remarks
@@ -286,7 +273,9 @@ fn of_group(comparison: &StudyComparison, group: &ComparedGroup, remarks: &mut V
         if !scaled.is_empty() {
             add(
                 "known_errors_too_small",
-                format!("the values of {name} scatter more than their errors allow for {scaled}; their errors are scaled up"),
+                format!(
+                    "the values of {name} scatter more than their errors allow for {scaled}; their errors are scaled up"
+                ),
             );
         }
         let extrapolated = |p: &PersonCurve| p.fit.is_some() && (p.first_extrapolated || p.last_extrapolated);
@@ -294,7 +283,8 @@ fn of_group(comparison: &StudyComparison, group: &ComparedGroup, remarks: &mut V
         if !beyond.is_empty() {
             let divergent = metric.people.iter().filter(|p| extrapolated(p) && p.divergent > 0).count();
             let fate = if comparison.settings.leave_out_extrapolated { "left out" } else { "taken in" };
-            let mut text = format!("the first or last value of {name} is an extrapolation for {beyond}, who are {fate}");
+            let mut text =
+                format!("the first or last value of {name} is an extrapolation for {beyond}, who are {fate}");
             if divergent > 0 {
                 text += &format!(
                     "; {divergent} of them have divergent trials: people who could not hold the object are not missing at \
@@ -343,11 +333,15 @@ fn of_pair(comparison: &StudyComparison, pair: &ComparedPair, remarks: &mut Vec<
     if let Some(([n, m], smallest)) = no_test {
         remarks.push(Remark::new(
             "no_test_exists",
-            format!("{who}: with {n} and {m} people the smallest p is {}, so that no test at 5 % exists", number(smallest)),
+            format!(
+                "{who}: with {n} and {m} people the smallest p is {}, so that no test at 5 % exists",
+                number(smallest)
+            ),
         ));
     }
     if random {
-        let text = format!("{who}: too many allocations to go through all; p is from random ones, with its standard error");
+        let text =
+            format!("{who}: too many allocations to go through all; p is from random ones, with its standard error");
         remarks.push(Remark::new("random_permutation", text));
     }
 }

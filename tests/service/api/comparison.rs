@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 
 /// A short recording whose error |r − y| is `error`, and whose first control is `u`.
 fn recording(error: f64, u: f64) -> String {
-    let rows: Vec<String> = (0..6).map(|i| format!("{},1,{},{}", 0.1 * f64::from(i), if i == 0 { 0.0 } else { u }, 1.0 - error)).collect();
+    let rows: Vec<String> =
+        (0..6).map(|i| format!("{},1,{},{}", 0.1 * f64::from(i), if i == 0 { 0.0 } else { u }, 1.0 - error)).collect();
     format!("t,r,u,y\n{}\n", rows.join("\n"))
 }
 
@@ -42,17 +43,27 @@ async fn groups_are_compared_with_intervals_and_in_words() {
     let found = server.get(&format!("{path}?contrasts=last")).await.json(200);
     assert_eq!(found["groups"].as_array().unwrap().len(), 2);
     let contrast = &found["pairs"][0]["metrics"][0]["contrasts"][0];
-    assert_eq!((&found["pairs"][0]["metrics"][0]["metric"], &contrast["contrast"]), (&json!("mean_abs_error"), &json!("last")));
+    assert_eq!(
+        (&found["pairs"][0]["metrics"][0]["metric"], &contrast["contrast"]),
+        (&json!("mean_abs_error"), &json!("last"))
+    );
     // 2/C(8, 4): the groups do not overlap.
     assert!((contrast["permutation"]["p"].as_f64().unwrap() - 2.0 / 70.0).abs() < 1e-15, "{contrast}");
-    assert_eq!((&contrast["permutation"]["allocations"], &contrast["p_adjusted"]), (&json!(70), &contrast["permutation"]["p"]));
+    assert_eq!(
+        (&contrast["permutation"]["allocations"], &contrast["p_adjusted"]),
+        (&json!(70), &contrast["permutation"]["p"])
+    );
     let interval: Vec<f64> =
         contrast["difference"]["interval95"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
     assert!(interval[0] < 0.3 && 0.3 < interval[1], "{interval:?}");
-    assert!(finding(&found, "gn on gm less gm on gm, ‖e‖, at trial 5").contains("the groups differ, gn on gm being higher"));
+    assert!(
+        finding(&found, "gn on gm less gm on gm, ‖e‖, at trial 5").contains("the groups differ, gn on gm being higher")
+    );
 
     // The threshold of the first control is that of the request: recordings are read again.
-    let right = |found: &Value, group: usize| found["groups"][group]["counts"]["right_control_first"]["people"]["count"].clone();
+    let right = |found: &Value, group: usize| {
+        found["groups"][group]["counts"]["right_control_first"]["people"]["count"].clone()
+    };
     assert_eq!((right(&found, 0), right(&found, 1)), (json!(4), json!(4)));
     let strict = server.get(&format!("{path}?right_control_threshold=0.3&contrasts=last")).await.json(200);
     assert_eq!((right(&strict, 0), right(&strict, 1)), (json!(4), json!(0)));
