@@ -53,6 +53,10 @@ enum Command {
     Openapi,
     /// Simulate a study of two groups, identify every trial, and print the learning curves.
     Demo(app::demo::DemoArgs),
+    /// Compare the groups of a study: change with practice and difference between groups, with intervals and exact tests.
+    ///
+    /// Exits with 0, or 2 for a request that makes no sense.
+    Compare(app::compare::CompareArgs),
     /// Import a folder of trials (CSV files with an index).
     Import(app::import::ImportArgs),
     /// Execute one analysis from a file, without a server: report on standard output, problems on standard error.
@@ -103,6 +107,7 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             Ok(ExitCode::SUCCESS)
         }
         Command::Demo(args) => app::block_on(app::demo::demo(&args)),
+        Command::Compare(args) => app::block_on(app::compare::compare(&args)),
         Command::Import(args) => app::block_on(app::import::import(&args)),
         Command::Run { spec, compute_threads, csv, cache } => app::run::run(&spec, compute_threads, csv, &cache),
     }

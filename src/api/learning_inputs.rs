@@ -8,7 +8,7 @@ use crate::analysis::{Analysis as _, Code, Problem, ssid};
 use crate::control::discretise::zero_order_hold;
 use crate::control::{Discrete, Model, System};
 use crate::learning::frequency_domain::ControllerMetrics;
-use crate::learning::inputs::{Identification, PlantName, Remark, SubjectInput, TrialInput};
+use crate::learning::inputs::{Identification, PlantName, Remark, StandardErrors, SubjectInput, TrialInput};
 use crate::learning::{CurveOptions, time_domain::TimeDomainMetrics};
 use crate::num::hexadecimal;
 use crate::store::{Page, Plant, StoreError, Subject, TrialFilter, TrialRecord, TrialReport};
@@ -222,6 +222,8 @@ fn identification(report: &TrialReport, plant: &Model) -> Result<Identification,
         feedforward,
         feedback,
         metrics,
+        // The pool's best candidate has no errors.
+        standard_errors: StandardErrors::default(),
         variance_accounted_for: result.get("variance_accounted_for").and_then(Value::as_f64),
         cost: result.get("cost").and_then(Value::as_f64),
     })

@@ -10,6 +10,7 @@
 mod analyses;
 mod answer;
 mod checks;
+mod comparison;
 mod cursor;
 mod docs;
 mod etag;

@@ -18,7 +18,7 @@ use super::upload::{UploadForm, Uploaded};
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Kind, Report, Request};
 use crate::jobs::Status;
-use crate::learning::{StudyFrequencyResponses, StudyLearningCurves, SubjectLearningCurve};
+use crate::learning::{StudyComparison, StudyFrequencyResponses, StudyLearningCurves, SubjectLearningCurve};
 use crate::trial::json::TrialDocument;
 use schemars::generate::SchemaSettings;
 use schemars::transform::{RecursiveTransform, Transform};
@@ -91,6 +91,7 @@ bodies! {
         PlantView,
         Report,
         SignalsDocument,
+        StudyComparison,
         StudyFrequencyResponses,
         StudyLearningCurves,
         StudyProgress,

@@ -4,10 +4,10 @@ pub mod simulate;
 pub mod tables;
 
 use super::import::progress_bar;
+use super::{Answer, ask};
 use crate::analysis::ids::{StudyId, TrialId};
 use crate::analysis::report::sha256_json;
 use crate::analysis::{Plan, Request};
-use crate::api::{AppState, router};
 use crate::config::CacheArgs;
 use crate::jobs::Status;
 use crate::learning::StudyLearningCurves;
@@ -25,7 +25,6 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
-use tower::ServiceExt as _;
 
 /// The trials that are simulated, out of a practice of forty (Zhang 2015, section 5.2).
 const TRIALS: [u32; 6] = [1, 5, 10, 20, 30, 40];
@@ -35,9 +34,6 @@ const BAND_RAD_S: (f64, f64) = (0.0, std::f64::consts::PI);
 
 /// How often the queue is looked at for the progress bar.
 const LOOK: Duration = Duration::from_millis(100);
-
-/// The curves of the largest study that the demonstration makes are far smaller.
-const MOST_ANSWER_BYTES: usize = 64 << 20;
 
 /// What the demonstration does.
 #[derive(Debug, Clone, Args)]
@@ -217,16 +213,10 @@ async fn watch(store: &Store, study: StudyId, bar: &ProgressBar) -> anyhow::Resu
 
 /// The answer of the API itself (without a network), so that the demonstration prints what a client reads.
 async fn learning_curves(store: &Store, study: StudyId) -> anyhow::Result<StudyLearningCurves> {
-    let request = axum::http::Request::get(format!("/v1/studies/{study}/learning-curves"))
-        .header(axum::http::header::HOST, "localhost")
-        .body(axum::body::Body::empty())?;
-    let response = router(AppState::new(store.clone())).oneshot(request).await?;
-    let status = response.status();
-    let body = axum::body::to_bytes(response.into_body(), MOST_ANSWER_BYTES).await?;
-    if !status.is_success() {
-        bail!("the learning curves were answered with {status}: {}", String::from_utf8_lossy(&body));
+    match ask(store, &format!("/v1/studies/{study}/learning-curves")).await? {
+        Answer::Body(body) => serde_json::from_slice(&body).context("the learning curves cannot be read"),
+        Answer::Problem(body) => bail!("the learning curves were refused: {}", String::from_utf8_lossy(&body)),
     }
-    serde_json::from_slice(&body).context("the learning curves cannot be read")
 }
 
 /// A folder of our own that goes when this does.

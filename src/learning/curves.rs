@@ -236,7 +236,7 @@ pub(super) fn plant_curve(
     PlantCurve { plant: plant.clone(), points, left_out, left_out_count, unidentified, spec, trends }
 }
 
-fn point(trial: &TrialInput, position: usize, spec: Option<&SpecChoice>) -> CurvePoint {
+pub(super) fn point(trial: &TrialInput, position: usize, spec: Option<&SpecChoice>) -> CurvePoint {
     let found = spec.and_then(|spec| trial.identified_with(&spec.spec_sha256));
     let norms = found.and_then(|i| i.metrics.as_ref());
     let missing = match (found, norms) {

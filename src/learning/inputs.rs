@@ -63,10 +63,23 @@ pub struct Identification {
     pub feedback: System,
     /// The norms over the identified band, where the report has them.
     pub metrics: Option<ControllerMetrics>,
+    /// Standard errors of the norms, where the estimator gives them.
+    pub standard_errors: StandardErrors,
     /// Share of the variance of y that a simulation with the identified controllers explains (1 is all of it).
     pub variance_accounted_for: Option<f64>,
     /// The cost J at the argmin.
     pub cost: Option<f64>,
+}
+
+/// Standard errors of the norms of one identification, each in the unit of its norm.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct StandardErrors {
+    /// Of ‖Gfb‖.
+    pub norm_feedback: Option<f64>,
+    /// Of ‖Gff − G⁻¹‖.
+    pub norm_feedforward_minus_inverse: Option<f64>,
+    /// Of ‖Gff G − 1‖.
+    pub norm_feedforward_plant_minus_one: Option<f64>,
 }
 
 /// A remark that a scientist must read before using the numbers.

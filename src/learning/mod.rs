@@ -5,6 +5,7 @@
 //! use it.
 
 pub mod bode;
+pub mod comparison;
 pub mod correlation;
 pub mod curves;
 pub mod frequency_domain;
@@ -15,6 +16,10 @@ pub mod time_domain;
 pub mod trend;
 
 pub use bode::{StudyFrequencyResponses, TrialSelection, study_frequency_responses};
+pub use comparison::report::StudyComparison;
+pub use comparison::study::{ComparisonOptions, compare};
 pub use curves::{CurveOptions, SubjectLearningCurve, subject_learning_curve};
 pub use groups::{StudyLearningCurves, study_learning_curves};
-pub use inputs::{Identification, PlantName, Remark, SpecChoice, SubjectInput, TrialInput, choose_spec};
+pub use inputs::{
+    Identification, PlantName, Remark, SpecChoice, StandardErrors, SubjectInput, TrialInput, choose_spec,
+};

@@ -137,15 +137,27 @@ pub fn metrics(trial: &Trial, plant: &Model) -> TimeDomainMetrics {
     let scaled = |x: &f64| if largest > 0.0 { (x.clamp(-f64::MAX, f64::MAX) / largest).abs() } else { 0.0 };
     let mean = error.iter().map(scaled).sum::<f64>() / n;
     let mean_square = error.iter().map(|x| scaled(x).powi(2)).sum::<f64>() / n;
-    let start = right_control(trial, plant);
-    TimeDomainMetrics {
+    let mut metrics = TimeDomainMetrics {
         mean_abs_error: mean * largest,
         rms_error: mean_square.sqrt() * largest,
         max_abs_output: largest_modulus(&trial.signals.output),
-        right_control_at_start: start.as_ref().ok().map(|s| s.right),
-        right_control_time_s: start.as_ref().ok().map(|s| s.sample as f64 * trial.sample_time_s),
-        right_control_undetermined: start.err(),
+        right_control_at_start: None,
+        right_control_time_s: None,
+        right_control_undetermined: None,
         right_control_threshold: START_THRESHOLD,
+    };
+    metrics.judge_start(trial, plant, START_THRESHOLD);
+    metrics
+}
+
+impl TimeDomainMetrics {
+    /// Judges the first deliberate control of the trial that these metrics are of, with a threshold on |u|.
+    pub fn judge_start(&mut self, trial: &Trial, plant: &Model, threshold: f64) {
+        let start = right_control(trial, plant, threshold);
+        self.right_control_at_start = start.as_ref().ok().map(|s| s.right);
+        self.right_control_time_s = start.as_ref().ok().map(|s| s.sample as f64 * trial.sample_time_s);
+        self.right_control_undetermined = start.err();
+        self.right_control_threshold = threshold;
     }
 }
 
@@ -158,16 +170,16 @@ struct StartControl {
     sample: usize,
 }
 
-fn right_control(trial: &Trial, plant: &Model) -> Result<StartControl, String> {
+fn right_control(trial: &Trial, plant: &Model, threshold: f64) -> Result<StartControl, String> {
     let direction = initial_direction(plant).map_err(|e| e.to_string())?;
     let (u, r) = (&trial.signals.control, &trial.signals.command);
     // Section 5.8 takes the smallest positive integer: the sample at time zero is before the start.
     let first = (1..u.len())
-        .find(|i| u[*i].abs() > START_THRESHOLD)
-        .ok_or_else(|| format!("|u| never passes {START_THRESHOLD} after the first sample"))?;
+        .find(|i| u[*i].abs() > threshold)
+        .ok_or_else(|| format!("|u| never passes {threshold} after the first sample"))?;
     let sample = first + 1;
     if sample >= u.len() {
-        return Err(format!("|u| passes {START_THRESHOLD} only at the last sample, {first}"));
+        return Err(format!("|u| passes {threshold} only at the last sample, {first}"));
     }
     for (name, value) in [("control u", u[sample]), ("command r", r[sample])] {
         if value == 0.0 {

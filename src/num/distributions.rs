@@ -1,6 +1,11 @@
 //! Distribution functions of normal-theory statistics, from the incomplete gamma and beta functions (Press et al. 2007,
 //! ch. 6).
 
+use super::roots::root;
+
+/// The bound z with `P(|X| ≤ z) = 0.95` of the standard normal distribution.
+pub(crate) const NORMAL_95: f64 = 1.959_963_984_540_054;
+
 /// Lanczos's series for `ln Γ(x)`, x > 0, good to about 1e-14 (g = 7, nine terms; Godfrey 2001).
 #[must_use]
 pub(crate) fn ln_gamma(x: f64) -> f64 {
@@ -108,6 +113,34 @@ pub fn f_cdf(x: f64, numerator: f64, denominator: f64) -> f64 {
     beta_i(0.5 * numerator, 0.5 * denominator, numerator * x / (numerator * x + denominator))
 }
 
+/// `P(X ≤ x)` of the standard normal distribution.
+#[must_use]
+pub(crate) fn normal_cdf(x: f64) -> f64 {
+    0.5 * (1.0 + gamma_p(0.5, 0.5 * x * x).copysign(x))
+}
+
+/// `P(|X| ≥ |t|)` of Student's distribution: the two-sided p-value of a t statistic.
+#[must_use]
+pub(crate) fn student_t_two_sided(t: f64, degrees: f64) -> f64 {
+    beta_i(0.5 * degrees, 0.5, degrees / (degrees + t * t))
+}
+
+/// The x with `P(X ≤ x) = p` of chi-square, 0 < p < 1.
+#[must_use]
+pub(crate) fn chi_square_quantile(p: f64, degrees: f64) -> f64 {
+    let mut high = degrees.max(1.0);
+    while chi_square_cdf(high, degrees) < p && high < 1e12 {
+        high *= 2.0;
+    }
+    root(|x| chi_square_cdf(x, degrees) - p, 0.0, high).unwrap_or(high)
+}
+
+/// The x with `I_x(a, b) = p`, 0 < p < 1.
+#[must_use]
+pub(crate) fn beta_quantile(p: f64, a: f64, b: f64) -> f64 {
+    root(|x| beta_i(a, b, x) - p, 0.0, 1.0).unwrap_or(f64::NAN)
+}
+
 /// The two-sided bound t of Student's distribution: `P(|X| ≤ t) = level`; infinite degrees give the normal one.
 #[must_use]
 pub(crate) fn student_t(level: f64, degrees: f64) -> f64 {
@@ -173,5 +206,12 @@ mod tests {
         near(chi_square_cdf(18.307_038, 10.0), 0.95, 1e-7);
         near(f_cdf(3.325_835, 5.0, 10.0), 0.95, 1e-6);
         near(f_cdf(1.830_703_8, 10.0, f64::INFINITY), 0.95, 1e-7);
+        near(normal_cdf(1.0), 0.841_344_746_068_543, 1e-14);
+        near(normal_cdf(-NORMAL_95), 0.025, 1e-14);
+        near(student_t_two_sided(-2.228_138_852, 10.0), 0.05, 1e-9);
+        near(chi_square_quantile(0.95, 10.0), 18.307_038_053_275_146, 1e-12);
+        near(chi_square_quantile(0.95, 1.0), NORMAL_95 * NORMAL_95, 1e-12);
+        // Uniform order statistics: I_x(1, n) = 1 − (1 − x)ⁿ.
+        near(beta_quantile(0.975, 1.0, 3.0), 1.0 - 0.025_f64.cbrt(), 1e-13);
     }
 }

@@ -6,12 +6,16 @@ pub mod distributions;
 pub mod dual;
 pub mod expression;
 pub mod fourier;
+pub(crate) mod hermite;
 pub mod hexadecimal;
 pub mod least_squares;
 pub mod linalg;
+pub(crate) mod newton;
+pub(crate) mod noncentral_t;
 mod nonnegative;
 pub mod poly;
 pub mod rng;
+pub(crate) mod roots;
 pub mod schur;
 pub mod stats;
 

@@ -8,7 +8,7 @@ use volition::learning::frequency_domain::controller_metrics;
 use volition::learning::groups::statistics;
 use volition::learning::time_domain::TimeDomainMetrics;
 use volition::learning::{
-    CurveOptions, Identification, PlantName, SubjectInput, TrialInput, TrialSelection, choose_spec,
+    CurveOptions, Identification, PlantName, StandardErrors, SubjectInput, TrialInput, TrialSelection, choose_spec,
     study_frequency_responses, study_learning_curves, subject_learning_curve,
 };
 
@@ -31,6 +31,7 @@ fn identification(analysis: &str, spec: &str, gain: f64, feedback: f64) -> Ident
         feedforward,
         feedback,
         metrics: Some(metrics),
+        standard_errors: StandardErrors::default(),
         variance_accounted_for: Some(0.9),
         cost: Some(0.1),
     }

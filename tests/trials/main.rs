@@ -8,6 +8,8 @@ mod round_trip;
 #[path = "../support/virtual_subjects.rs"]
 mod virtual_subjects;
 
+mod comparison;
+mod comparison_study;
 mod curves;
 mod demo;
 mod import;

@@ -2,6 +2,7 @@
 
 mod analyses;
 mod bad_input;
+mod comparison;
 mod conditional;
 mod designs;
 mod events;

@@ -107,6 +107,7 @@ async fn every_operation_succeeds_over_http() {
         call("POST", "/v1/analyses/{analysis}/cancel", None, 200),
         call("GET", "/v1/subjects/{subject}/learning-curves", None, 200),
         call("GET", "/v1/studies/{study}/learning-curves", None, 200),
+        call("GET", "/v1/studies/{study}/comparison", None, 200),
         call("GET", "/v1/studies/{study}/frequency-responses", None, 200),
         call("DELETE", "/v1/analyses/{analysis}", None, 204),
         call("DELETE", "/v1/trials/{trial}", None, 204),

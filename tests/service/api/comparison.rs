@@ -1,0 +1,134 @@
+//! `GET /v1/studies/{study}/comparison`.
+
+use crate::api::harness::{Lab, TestServer};
+use serde_json::{Value, json};
+
+/// A short recording whose error |r − y| is `error`, and whose first control is `u`.
+fn recording(error: f64, u: f64) -> String {
+    let rows: Vec<String> =
+        (0..6).map(|i| format!("{},1,{},{}", 0.1 * f64::from(i), if i == 0 { 0.0 } else { u }, 1.0 - error)).collect();
+    format!("t,r,u,y\n{}\n", rows.join("\n"))
+}
+
+/// Two groups of four people with five trials; the second group's error ends higher, and begins with a smaller control.
+async fn study(server: &TestServer) -> Lab {
+    let mut lab = server.lab().await;
+    for (group, last, control) in [("gm", 0.2, 0.5), ("gn", 0.5, 0.1)] {
+        for person in 0..4 {
+            let body = json!({"code": format!("{group}{person}"), "group": group});
+            lab.subject = server.post(&format!("/v1/studies/{}/subjects", lab.study), &body).await.id(201);
+            for number in 1..=5 {
+                // Scatter that is the same in every run.
+                let scatter = 0.01 * f64::from((person * 7 + number * 3) % 5);
+                let error = last + 0.4 * (-f64::from(number - 1) / 1.5).exp() + scatter;
+                let query = format!("&number={number}&sample_time_s=0.1");
+                server.upload_csv(&lab, &query, recording(error, control)).await.json(201);
+            }
+        }
+    }
+    lab
+}
+
+fn finding<'a>(comparison: &'a Value, part: &str) -> &'a str {
+    let findings = comparison["findings"].as_array().unwrap();
+    let found = findings.iter().filter_map(Value::as_str).find(|s| s.contains(part));
+    found.unwrap_or_else(|| panic!("no finding has {part}: {findings:#?}"))
+}
+
+#[tokio::test]
+async fn groups_are_compared_with_intervals_and_in_words() {
+    let server = TestServer::start().await;
+    let lab = study(&server).await;
+    let path = format!("/v1/studies/{}/comparison", lab.study);
+    let found = server.get(&format!("{path}?contrasts=last")).await.json(200);
+    assert_eq!(found["groups"].as_array().unwrap().len(), 2);
+    let contrast = &found["pairs"][0]["metrics"][0]["contrasts"][0];
+    assert_eq!(
+        (&found["pairs"][0]["metrics"][0]["metric"], &contrast["contrast"]),
+        (&json!("mean_abs_error"), &json!("last"))
+    );
+    // 2/C(8, 4): the groups do not overlap.
+    assert!((contrast["permutation"]["p"].as_f64().unwrap() - 2.0 / 70.0).abs() < 1e-15, "{contrast}");
+    assert_eq!(
+        (&contrast["permutation"]["allocations"], &contrast["p_adjusted"]),
+        (&json!(70), &contrast["permutation"]["p"])
+    );
+    let interval: Vec<f64> =
+        contrast["difference"]["interval95"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+    assert!(interval[0] < 0.3 && 0.3 < interval[1], "{interval:?}");
+    assert!(
+        finding(&found, "gn on gm less gm on gm, ‖e‖, at trial 5").contains("the groups differ, gn on gm being higher")
+    );
+
+    // The threshold of the first control is that of the request: recordings are read again.
+    let right = |found: &Value, group: usize| {
+        found["groups"][group]["counts"]["right_control_first"]["people"]["count"].clone()
+    };
+    assert_eq!((right(&found, 0), right(&found, 1)), (json!(4), json!(4)));
+    let strict = server.get(&format!("{path}?right_control_threshold=0.3&contrasts=last")).await.json(200);
+    assert_eq!((right(&strict, 0), right(&strict, 1)), (json!(4), json!(0)));
+    assert_eq!(strict["groups"][1]["counts"]["right_control_first"]["people"]["of"], 0, "no |u| passes 0.3");
+    assert_eq!(strict["settings"]["right_control_threshold"], 0.3);
+    assert!(finding(&found, "Right control").contains("|u| > 0.0500"));
+
+    // Everything else that can be asked for.
+    let all = server
+        .get(&format!(
+            "{path}?groups=gn,gm&metrics=rms_error,mean_abs_error&contrasts=change,first&curve=trials\
+             &correction=benjamini_hochberg&extrapolated=take_in&retention_trials=3&seed=7&plant={}",
+            lab.plant
+        ))
+        .await
+        .json(200);
+    let settings = &all["settings"];
+    assert_eq!(
+        *settings,
+        json!({"curve": "trials", "correction": "benjamini_hochberg", "leave_out_extrapolated": false,
+               "retention_trials": 3, "right_control_threshold": 0.05, "seed": 7})
+    );
+    let metrics: Vec<&Value> = all["pairs"][0]["metrics"].as_array().unwrap().iter().map(|m| &m["metric"]).collect();
+    assert_eq!(metrics, ["rms_error", "mean_abs_error"]);
+    assert_eq!(all["families"]["differences"], 4);
+    let one = server.get(&format!("{path}?groups=gm")).await.json(200);
+    assert_eq!((one["pairs"].as_array().unwrap().len(), &one["remarks"][0]["code"]), (0, &json!("one_group")));
+    server.finish().await;
+}
+
+#[tokio::test]
+async fn what_makes_no_sense_is_refused_by_name() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let path = format!("/v1/studies/{}/comparison", lab.study);
+    for (query, place) in [
+        ("metrics=error", "metrics"),
+        ("metrics=", "metrics"),
+        ("contrasts=first,middle", "contrasts"),
+        ("curve=line", "curve"),
+        ("correction=none", "correction"),
+        ("extrapolated=true", "extrapolated"),
+        ("right_control_threshold=0", "right_control_threshold"),
+        ("retention_trials=0", "retention_trials"),
+        ("seed=-1", "seed"),
+        ("groups=gm,", "groups"),
+        ("session=x", "session"),
+        ("spec=abc", "spec"),
+        ("include_divergent=true", "include_divergent"),
+    ] {
+        let problem = server.get(&format!("{path}?{query}")).await.problem(400, "malformed");
+        assert_eq!(problem["where"], format!("query parameter {place}"), "{query}");
+    }
+    let problem = server.get(&format!("{path}?groups=gx")).await.problem(404, "not_found");
+    assert_eq!(problem["where"], "query parameter groups");
+    let empty = server.get(&path).await.json(200);
+    assert_eq!((&empty["groups"], &empty["findings"]), (&json!([]), &json!([])));
+    for (i, group) in ["a", "b", "c", "d", "e"].iter().enumerate() {
+        let body = json!({"code": format!("p{i}"), "group": group});
+        let subject = server.post(&format!("/v1/studies/{}/subjects", lab.study), &body).await.id(201);
+        let lab = Lab { subject, study: lab.study.clone(), plant: lab.plant.clone() };
+        server.upload_csv(&lab, "&number=1&sample_time_s=0.1", recording(0.1 * i as f64, 0.5)).await.json(201);
+    }
+    let problem = server.get(&path).await.problem(422, "invalid");
+    assert_eq!(problem["where"], "query parameter groups");
+    assert_eq!(server.get(&format!("{path}?groups=a,b")).await.json(200)["pairs"].as_array().unwrap().len(), 1);
+    server.finish().await;
+}
