@@ -9,7 +9,7 @@ mod bracket;
 
 pub use bracket::Bracket;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Why a computation was asked to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,10 +42,22 @@ pub struct Progress {
 /// Shared between the threads of one computation and its watcher.
 #[derive(Debug, Default)]
 pub struct Ctl {
-    stop: AtomicU8,
+    stop: Arc<AtomicU8>,
     done: AtomicU64,
     total: AtomicU64,
     bracket: Mutex<Option<Bracket>>,
+}
+
+/// Whether a computation was asked to stop, for a callback of a library that outlives the borrow of its [`Ctl`].
+#[derive(Debug, Clone)]
+pub struct StopFlag(Arc<AtomicU8>);
+
+impl StopFlag {
+    /// Whether somebody asked the computation to stop.
+    #[must_use]
+    pub fn is_raised(&self) -> bool {
+        self.0.load(Ordering::Relaxed) != 0
+    }
 }
 
 impl Ctl {
@@ -59,6 +71,12 @@ impl Ctl {
     pub fn stop(&self, reason: StopReason) {
         // A failed exchange means that an earlier reason stands, which is what is wanted.
         let _ = self.stop.compare_exchange(0, reason as u8, Ordering::Relaxed, Ordering::Relaxed);
+    }
+
+    /// The same question for a callback.
+    #[must_use]
+    pub fn stop_flag(&self) -> StopFlag {
+        StopFlag(Arc::clone(&self.stop))
     }
 
     /// `Err` once somebody asked the computation to stop.

@@ -2,11 +2,13 @@
 //!
 //! Nothing here knows about control theory, files, clocks or threads.
 
+pub(crate) mod characteristic;
 pub mod distributions;
 pub mod dual;
 pub mod expression;
 pub mod fourier;
 pub mod hexadecimal;
+pub(crate) mod integer_polynomial;
 pub mod least_squares;
 pub mod linalg;
 mod nonnegative;

@@ -9,10 +9,12 @@
 //! from z anew, so that it is exactly what z says. With N unknowns and blocks of size d one step costs `N Σ d³ + N² Σ
 //! d²/2` operations.
 
+mod choice;
 mod scaling;
 mod step;
 
 use crate::ctl::{Ctl, Stopped};
+pub use choice::{SolvedBy, Solver, solve_with};
 use nalgebra::{DMatrix, DVector};
 use scaling::{Factor, starting_mu};
 use step::advance;
