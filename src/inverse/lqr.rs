@@ -193,7 +193,7 @@ fn answered(
 ) -> Result<InverseLqr, InverseError> {
     let structure = &settings.structure;
     let (space, noise) = if structure.is_free() {
-        (Space::new([&gains.a, &gains.b, &gains.k], gains.clock)?, 0.0)
+        (Space::of(gains)?, 0.0)
     } else {
         Space::within(gains, structure, ctl)?
     };

@@ -152,6 +152,11 @@ impl Reach {
         self.staircase.reached == self.staircase.a.nrows()
     }
 
+    /// The plant itself in balanced units, where the inputs reach every state.
+    pub(super) fn whole(&self) -> Option<(&Balanced, &Core)> {
+        self.is_whole().then_some((&self.balanced, &self.core))
+    }
+
     /// P or Q of the core in the units of the plant, where that is whole.
     pub(super) fn state_weight(&self, weight: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         self.is_whole().then(|| self.balanced.state_weight(weight))

@@ -56,6 +56,23 @@ impl Space {
         Self::spanned(scale, &weights, [a.nrows(), m], None)
     }
 
+    /// The same in the units of the plant, by balanced ones where inputs reach every state: there rounding does the least
+    /// harm.
+    pub(super) fn of(gains: &Gains) -> Result<Self, NoConvergence> {
+        let Some((balanced, core)) = gains.reach.whole() else {
+            return Self::new([&gains.a, &gains.b, &gains.k], gains.clock);
+        };
+        let mut space = Self::new([&core.a, &core.b, &core.k], gains.clock)?;
+        for (q, r) in space.q.iter_mut().zip(&mut space.r) {
+            (*q, *r) = (balanced.state_weight(q), balanced.input_weight(r));
+        }
+        // Orthonormal again, in the units and on the scale of the plant.
+        let scale = natural_scale(&gains.a, &gains.b, &gains.k, gains.clock);
+        let ratio = (space.scale / scale).powi(2);
+        let pairs: Vec<Pair> = space.q.into_iter().zip(space.r).map(|(q, r)| (q * ratio, r)).collect();
+        Self::spanned(scale, &pairs, [gains.states(), gains.ports()], None)
+    }
+
     /// Of independent pairs (Q/s², R).
     fn spanned(
         scale: f64,

@@ -20,7 +20,7 @@ use std::f64::consts::SQRT_2;
 /// R counts as definite where its least eigenvalue is above this share of its mean (in balanced inputs).
 pub(super) const FLOOR: f64 = 1e-6;
 /// How much a margin must exceed what rounding moves.
-const CLEAR: f64 = 1.0;
+pub(super) const CLEAR: f64 = 1.0;
 
 /// Weights that prove "feasible", in the units of the core.
 #[derive(Debug, Clone, PartialEq)]
@@ -188,6 +188,19 @@ pub(super) struct Dual {
     pub n: DMatrix<f64>,
     /// `ρ tr T + m(1 − ρ)λ_min(T)` over what rounding moves it.
     pub ratio: f64,
+    /// The relative change of K up to which it holds.
+    pub change: Option<f64>,
+}
+
+/// A multiplier with what its test needs.
+pub(super) struct Prepared {
+    pub n: DMatrix<f64>,
+    x: DMatrix<f64>,
+    size_x: f64,
+    size_n: f64,
+    residual: f64,
+    /// `ρ tr T + m(1 − ρ)λ_min(T)`.
+    margin: f64,
 }
 
 /// What a dual test needs of the loop.
@@ -232,54 +245,59 @@ impl<'a> DualTest<'a> {
         symmetric(&(k * x * k.transpose() + &half + half.transpose()))
     }
 
-    /// The certificate of N; `None` where it proves nothing.
-    pub(super) fn check(&self, n: &DMatrix<f64>) -> Option<Dual> {
-        self.check_within(n, &self.core.rounding.k).filter(|found| found.ratio > CLEAR)
-    }
-
-    /// The same with another box of K.
-    pub(super) fn check_within(&self, n: &DMatrix<f64>, box_k: &DMatrix<f64>) -> Option<Dual> {
-        let Core { a, b, k, clock, rounding } = self.core;
-        let m = k.nrows() as f64;
+    /// X and T of a multiplier, and the residual of its equation.
+    pub(super) fn prepared(&self, n: &DMatrix<f64>) -> Prepared {
+        let Core { b, clock, .. } = self.core;
         let x = self.states(n);
-        let t = self.inputs(n, &x);
-        let closed_change = (&rounding.a + b.abs() * box_k + &rounding.b * k.abs()).norm();
-        let (size_x, size_n, size_k) = (x.norm(), n.norm(), k.norm());
-        let change_b = rounding.b.norm();
-        let order = a.nrows() as f64;
-        // What X solves with a residual, for every plant and gain of the box: |ΔX| ⪯ e·H, to first order in H.
-        let (residual, change) = match clock {
+        let (size, size_x, size_n) = (self.closed.norm(), x.norm(), n.norm());
+        let order = x.nrows() as f64;
+        let (left, sizes) = match clock {
             Clock::Continuous => {
                 let product = &self.closed * &x;
-                let left = &product + product.transpose() + self.source(n);
-                let rounded = order * UNIT * 4.0 * (self.closed.norm() * size_x + b.norm() * size_n);
-                (left.norm() + rounded, 2.0 * (change_b * size_n + closed_change * size_x))
+                (&product + product.transpose() + self.source(n), size * size_x + b.norm() * size_n)
             }
             Clock::Sampled => {
                 let moved = &self.closed * &x * self.closed.transpose();
-                let left = moved - &x + self.source(n);
-                let size = self.closed.norm();
-                let rounded = order * UNIT * 4.0 * (size * size * size_x + size_x + b.norm() * size_n * size);
-                let loop_ = (2.0 * size + closed_change) * closed_change * size_x;
-                (left.norm() + rounded, loop_ + 2.0 * size_n * (change_b * size + b.norm() * closed_change))
+                (moved - &x + self.source(n), size * size * size_x + size_x + b.norm() * size_n * size)
             }
         };
-        let drift = 2.0 * closed_change * self.unit.norm() * if *clock == Clock::Sampled { self.closed.norm() } else { 1.0 };
+        let t = self.inputs(n, &x);
+        let margin = {
+            let m = t.nrows() as f64;
+            FLOOR * t.trace() + m * (1.0 - FLOOR) * t.symmetric_eigenvalues().min()
+        };
+        Prepared { size_x, size_n, residual: left.norm() + order * UNIT * 4.0 * sizes, margin, x, n: n.clone() }
+    }
+
+    /// The margin of a multiplier over its rounding, with a box of K; `None` where X is not definite for all of it.
+    pub(super) fn ratio(&self, of: &Prepared, box_k: &DMatrix<f64>) -> Option<f64> {
+        let Core { a, b, k, clock, rounding } = self.core;
+        let (m, order) = (k.nrows() as f64, a.nrows() as f64);
+        let Prepared { size_x, size_n, residual, margin, x, .. } = of;
+        let closed_change = (&rounding.a + b.abs() * box_k + &rounding.b * k.abs()).norm();
+        let (size_k, change_b, size) = (k.norm(), rounding.b.norm(), self.closed.norm());
+        // What X solves with a residual, for every plant and gain of the box: |ΔX| ⪯ e·H, to first order in H.
+        let (change, own) = match clock {
+            Clock::Continuous => (2.0 * (change_b * size_n + closed_change * size_x), 1.0),
+            Clock::Sampled => {
+                let loop_ = (2.0 * size + closed_change) * closed_change * size_x;
+                (loop_ + 2.0 * size_n * (change_b * size + b.norm() * closed_change), size)
+            }
+        };
+        let drift = 2.0 * closed_change * self.unit.norm() * own;
         if drift >= 0.5 {
             return None;
         }
         let e = (residual + change) / (1.0 - drift);
         // X ≻ eH, by Cholesky of the difference, whose own rounding is in the residual.
-        definite(&(&x - &self.unit * (e * (1.0 + 4.0 * order * UNIT))))?;
+        definite(&(x - &self.unit * (e * (1.0 + 4.0 * order * UNIT))))?;
         let change_k = box_k.norm();
         let inputs = e * self.unit_gain
             + change_k * (2.0 * size_k + change_k) * size_x
             + 2.0 * change_k * size_n
             + 8.0 * order * UNIT * (size_k * size_k * size_x + 2.0 * size_n * size_k);
-        let least = t.symmetric_eigenvalues().min();
-        let margin = FLOOR * t.trace() + m * (1.0 - FLOOR) * least;
         // A change of T by a matrix of norm d moves both parts by m·d together at most.
-        Some(Dual { n: n.clone(), ratio: margin / (m * inputs) })
+        Some(margin / (m * inputs))
     }
 
     /// N with an antisymmetric Ω more, which leaves X as it is, so that T comes as near as possible to a wanted one.

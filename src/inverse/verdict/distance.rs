@@ -1,6 +1,6 @@
 //! How far a gain is from the boundary: by a relative change of K, and by a factor on the whole gain.
 
-use super::certificate::{DualTest, PrimalTest};
+use super::certificate::{CLEAR, DualTest, Prepared, PrimalTest};
 use crate::control::lyapunov::Clock;
 use crate::inverse::reach::Core;
 use crate::num::linalg;
@@ -34,13 +34,12 @@ fn largest(core: &Core, holds: impl Fn(&DMatrix<f64>) -> bool) -> Option<f64> {
 /// The change up to which weights remain definite.
 pub(super) fn primal(core: &Core, p: &DMatrix<f64>, r: &DMatrix<f64>) -> Option<f64> {
     let test = PrimalTest::new(core)?;
-    largest(core, |box_k| test.check_within(p, r, box_k).is_some_and(|found| found.ratio > 1.0))
+    largest(core, |box_k| test.check_within(p, r, box_k).is_some_and(|found| found.ratio > CLEAR))
 }
 
 /// The change up to which a multiplier still proves that there are none.
-pub(super) fn dual(core: &Core, n: &DMatrix<f64>) -> Option<f64> {
-    let test = DualTest::new(core)?;
-    largest(core, |box_k| test.check_within(n, box_k).is_some_and(|found| found.ratio > 1.0))
+pub(super) fn dual(core: &Core, test: &DualTest<'_>, of: &Prepared) -> Option<f64> {
+    largest(core, |box_k| test.ratio(of, box_k).is_some_and(|ratio| ratio > CLEAR))
 }
 
 /// c*: `max over ω of −2 Re L/|L|²`, in sampled time of `−(2 Re L + KA⁻¹B)/|L|²`, for one input. `None` where it is

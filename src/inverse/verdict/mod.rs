@@ -23,7 +23,7 @@ use crate::control::lyapunov::{Clock, Lyapunov};
 use crate::convex::lmi::LmiError;
 use crate::ctl::{Ctl, Stopped};
 use crate::num::linalg::{self, NoConvergence, symmetric};
-use certificate::{Dual, DualTest, Primal, PrimalTest};
+use certificate::{CLEAR, Dual, DualTest, Primal, PrimalTest};
 use kalman::{Kalman, OneInput};
 use nalgebra::{DMatrix, DVector};
 use plane::{Outcome, PlaneError};
@@ -233,10 +233,10 @@ fn several_inputs(reach: &Reach, ctl: &Ctl) -> Result<Decision, DecisionError> {
             decision.weights = Some((q.clone(), r.clone()));
             decision
         }
-        Outcome::Dual(Dual { n, ratio }, frequencies) => {
+        Outcome::Dual(Dual { n, ratio, change }, frequencies) => {
             let evidence = Evidence::Multiplier { n: reach.multiplier(&n), frequencies };
             let mut decision = Decision::new(Verdict::Infeasible, evidence, Some(-ratio));
-            decision.relative_change = distance::dual(core, &n);
+            decision.relative_change = change;
             decision
         }
         Outcome::Neither => Decision::new(Verdict::Boundary, Evidence::None, None),
@@ -264,7 +264,13 @@ fn whole_program(core: &Core, ctl: &Ctl) -> Result<Outcome, DecisionError> {
     }
     let [x, t] = &found.duals;
     let s2 = space.scale * space.scale;
-    Ok(multiplier(core, &(x / s2), t).and_then(|n| dual.check(&n)).map_or(Outcome::Neither, |d| Outcome::Dual(d, Vec::new())))
+    let Some(n) = multiplier(core, &(x / s2), t) else { return Ok(Outcome::Neither) };
+    let prepared = dual.prepared(&n);
+    let Some(ratio) = dual.ratio(&prepared, &core.rounding.k).filter(|ratio| *ratio > CLEAR) else {
+        return Ok(Outcome::Neither);
+    };
+    let change = distance::dual(core, &dual, &prepared);
+    Ok(Outcome::Dual(Dual { n, ratio, change }, Vec::new()))
 }
 
 /// N with `BN + NᵀBᵀ = A_cX + XA_cᵀ` (`−BNA_cᵀ − A_cNᵀBᵀ = X − A_cXA_cᵀ`) and `NKᵀ + KNᵀ = T − KXKᵀ`, by least squares.

@@ -5,7 +5,8 @@
 //! `φ(s)ᴴ M₀(R) φ(s) ⪰ tI` of [`Reduced`]. It is asked at a few frequencies, and at those where the best R violates
 //! it, until there are none.
 
-use super::certificate::{Dual, DualTest, FLOOR, Primal, PrimalTest, asymmetry_map};
+use super::certificate::{CLEAR, Dual, DualTest, FLOOR, Primal, PrimalTest, asymmetry_map};
+use super::distance;
 use super::reduced::Reduced;
 use crate::control::lyapunov::Clock;
 use crate::convex::lmi::{self, Block, LmiError, Problem, Solution};
@@ -312,13 +313,14 @@ impl Plane<'_> {
         if !(own.is_finite() && own > 0.0 && other > 0.0) {
             return Outcome::Neither;
         }
+        // Of those that hold the one that holds farthest.
         let mut best: Option<Dual> = None;
         for power in MIXED {
-            let mixed = n / own + &exciting * (10f64.powi(power) / other);
-            if let Some(found) = self.dual.check(&mixed)
-                && best.as_ref().is_none_or(|b| found.ratio > b.ratio)
-            {
-                best = Some(found);
+            let mixed = self.dual.prepared(&(n / own + &exciting * (10f64.powi(power) / other)));
+            let Some(ratio) = self.dual.ratio(&mixed, &self.core.rounding.k).filter(|r| *r > CLEAR) else { continue };
+            let change = distance::dual(self.core, &self.dual, &mixed);
+            if best.as_ref().is_none_or(|b| change > b.change) {
+                best = Some(Dual { n: mixed.n, ratio, change });
             }
         }
         best.map_or(Outcome::Neither, |found| Outcome::Dual(found, frequencies))
