@@ -1,7 +1,7 @@
 //! The best conditioned weights (Priess 2015, eq. (3.11)–(3.13)).
 
-use super::space::Space;
 use super::lqr::Settings;
+use super::space::Space;
 use super::structure::QSign;
 use crate::convex::lmi::{self, Block, LmiError, Problem, SolvedBy};
 use crate::ctl::Ctl;
@@ -95,8 +95,7 @@ pub(super) fn best_conditioned(
     // hide.
     let hidden = solution.dual_residual * (1.0 + solution.z.norm()) * 4.0;
     let lower_bound = ((solution.dual_objective - hidden) * a0).max(1.0);
-    let mut found =
-        Conditioned {
+    let mut found = Conditioned {
         z: solution.z.rows(0, space.len()) * factor,
         alpha,
         lower_bound,

@@ -301,7 +301,9 @@ impl Gains {
             (Some(_), Clock::Sampled) => {
                 return Err(GainsError::Knowledge("the discount of a sample must lie between 0 and 1"));
             }
-            (Some(_), Clock::Continuous) => return Err(GainsError::Knowledge("the rate of the discount must be positive")),
+            (Some(_), Clock::Continuous) => {
+                return Err(GainsError::Knowledge("the rate of the discount must be positive"));
+            }
         };
         let (miss_any, miss) = match role {
             Role::Regulator => ("no input reaches a state", "no input reaches"),

@@ -184,19 +184,19 @@ pub fn inverse_lqr(gains: &Gains, settings: &Settings, ctl: &Ctl) -> Result<Inve
     Ok(answer)
 }
 
+/// The verdict on the gain alone, whatever the structure of its weights.
+///
+/// # Errors
+/// [`InverseError`].
+pub fn decision(gains: &Gains, ctl: &Ctl) -> Result<Decision, InverseError> {
+    Ok(decide(gains, ctl)?)
+}
+
 /// The answer about a loop that is stable as a whole.
-fn answered(
-    gains: &Gains,
-    decision: Decision,
-    settings: &Settings,
-    ctl: &Ctl,
-) -> Result<InverseLqr, InverseError> {
+fn answered(gains: &Gains, decision: Decision, settings: &Settings, ctl: &Ctl) -> Result<InverseLqr, InverseError> {
     let structure = &settings.structure;
-    let (space, noise) = if structure.is_free() {
-        (Space::of(gains)?, 0.0)
-    } else {
-        Space::within(gains, structure, ctl)?
-    };
+    let (space, noise) =
+        if structure.is_free() { (Space::of(gains)?, 0.0) } else { Space::within(gains, structure, ctl)? };
     let mut answer = InverseLqr {
         verdict: decision.verdict,
         decision,

@@ -37,14 +37,10 @@ pub(super) struct Units {
 }
 
 impl Units {
-
     /// Of one size each.
     pub(super) fn uniform(space: &Space, q: f64) -> Self {
         let ports = space.r.first().map_or(0, DMatrix::nrows);
-        Self {
-            q: DVector::from_element(space.weighed_states().len(), q),
-            r: DVector::from_element(ports, 1.0),
-        }
+        Self { q: DVector::from_element(space.weighed_states().len(), q), r: DVector::from_element(ports, 1.0) }
     }
 
     /// Such that the diagonals of these weights (Q where it is weighed) become 1, as far as they stand out from

@@ -74,9 +74,15 @@ pub(super) enum ReachError {
     /// The loop has this eigenvalue.
     Unstable(Complex64),
     /// The loop is stable only within rounding.
-    Marginal { pole: Complex64, shift: f64 },
+    Marginal {
+        pole: Complex64,
+        shift: f64,
+    },
     /// A set point costs for ever.
-    EndlessCost { mode: Complex64, cost: f64 },
+    EndlessCost {
+        mode: Complex64,
+        cost: f64,
+    },
     NoConvergence(NoConvergence),
 }
 

@@ -25,12 +25,7 @@ pub(super) struct Rounding {
 impl Rounding {
     /// The box around matrices in balanced units; `gain` replaces the bounds of K's entries where their rounding is
     /// known.
-    pub(super) fn around(
-        a: &DMatrix<f64>,
-        b: &DMatrix<f64>,
-        k: &DMatrix<f64>,
-        gain: Option<&DMatrix<f64>>,
-    ) -> Self {
+    pub(super) fn around(a: &DMatrix<f64>, b: &DMatrix<f64>, k: &DMatrix<f64>, gain: Option<&DMatrix<f64>>) -> Self {
         let n = a.nrows() as f64;
         let plant = |m: &DMatrix<f64>| {
             let floor = m.norm() / n;
@@ -44,11 +39,6 @@ impl Rounding {
             })
         });
         Self { a: plant(a), b: plant(b), k }
-    }
-
-    /// A bound of the entries of the change of A − BK, to first order.
-    pub(super) fn closed_loop(&self, b: &DMatrix<f64>, k: &DMatrix<f64>) -> DMatrix<f64> {
-        &self.a + b.abs() * &self.k + &self.b * k.abs()
     }
 }
 

@@ -53,7 +53,8 @@ impl Staircase {
         let tolerance = |m: &DMatrix<f64>| RANK * UNIT * m.norm();
         let (mut reached, mut step) = (0, 0);
         while reached < n {
-            let part = if step == 0 { b.clone() } else { a.view((reached, reached - step), (n - reached, step)).into() };
+            let part =
+                if step == 0 { b.clone() } else { a.view((reached, reached - step), (n - reached, step)).into() };
             let (turn, rank) = range(&part, tolerance(if step == 0 { &of.b } else { &of.a }))?;
             if rank == 0 {
                 break;

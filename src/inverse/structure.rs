@@ -189,6 +189,18 @@ impl Structure {
         Ok(())
     }
 
+    /// The number of unknowns of the structured (Q, R).
+    pub(super) fn unknowns(&self, n: usize, m: usize) -> usize {
+        let pairs = |order: usize, allows: &dyn Fn(usize, usize) -> bool| {
+            (0..order).map(|j| (0..=j).filter(|i| allows(*i, j)).count()).sum::<usize>()
+        };
+        let r = match (&self.r, &self.r_pattern) {
+            (Some(_), _) => 1,
+            (None, pattern) => pairs(m, &|i, j| pattern.as_ref().is_none_or(|p| p[(i, j)])),
+        };
+        pairs(n, &|i, j| self.allows(i, j)) + r
+    }
+
     /// A basis of the structured (Q, R), as pairs of symmetric matrices.
     pub(super) fn directions(&self, n: usize, m: usize) -> Vec<(DMatrix<f64>, DMatrix<f64>)> {
         let mut all = Vec::new();

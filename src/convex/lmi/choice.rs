@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector};
 /// Unknowns up to which clarabel is asked first: there it answers in the time that the method of this room takes.
 const SMALL: usize = 16;
 /// Unknowns up to which clarabel can be asked at all: beyond one of its steps takes longer than a cancel may wait.
-pub const LARGEST: usize = 160;
+const LARGEST: usize = 160;
 /// Relative gap up to which an answer of clarabel is accepted.
 const ACCEPTED: f64 = 1e-8;
 /// Shares of the strictly feasible start that bring an answer from the boundary into the interior.

@@ -9,10 +9,10 @@
 //! `ρ tr T + m(1 − ρ)λ_min(T) > 0`, no Q ⪰ 0 goes with any `R ⪰ ρI` of trace m.
 
 use crate::control::lyapunov::{Clock, Lyapunov};
+use crate::convex::svec;
 use crate::inverse::reach::Core;
 use crate::inverse::rounding::UNIT;
 use crate::inverse::space::state_weight;
-use crate::convex::svec;
 use crate::num::linalg::{self, solve_symmetric, symmetric};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use std::f64::consts::SQRT_2;
@@ -79,7 +79,8 @@ impl<'a> PrimalTest<'a> {
         let values = linalg::singular_values(&map).ok()?;
         let half = r * &product;
         let rounded = 4.0 * (b.nrows() as f64) * UNIT * r.norm() * k.norm() * b.norm();
-        let found = (&half - half.transpose()).norm() + if *clock == Clock::Continuous { rounded } else { 4.0 * rounded };
+        let found =
+            (&half - half.transpose()).norm() + if *clock == Clock::Continuous { rounded } else { 4.0 * rounded };
         let least = *values.last()?;
         (least > 0.0).then(|| found / least)
     }

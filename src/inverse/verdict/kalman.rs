@@ -63,9 +63,13 @@ struct Part {
 #[derive(Clone, Copy)]
 enum Map {
     /// `ω² = 4^h y`.
-    Low { h: i64 },
+    Low {
+        h: i64,
+    },
     /// `ω² = 4^h/y`; F is `y N/D`, and at y = 0 `N(0)` stands for `limit`.
-    High { h: i64 },
+    High {
+        h: i64,
+    },
     Circle,
 }
 
@@ -118,8 +122,7 @@ impl OneInput<'_> {
         let a = integers(self.a, bits_a);
         let (b, k) = (integers(self.b, bits_b), integers(self.k, bits_k));
         let (up_a, up_bk) = ((bits - bits_a) as u64, (bits - bits_b - bits_k) as u64);
-        let closed: Vec<BigInt> =
-            (0..n * n).map(|e| (&a[e] << up_a) - ((&b[e / n] * &k[e % n]) << up_bk)).collect();
+        let closed: Vec<BigInt> = (0..n * n).map(|e| (&a[e] << up_a) - ((&b[e / n] * &k[e % n]) << up_bk)).collect();
         let mut open = characteristic_polynomial(&a, n, ctl)?;
         for (power, coefficient) in open.iter_mut().enumerate() {
             *coefficient <<= up_a * (n - power) as u64;
@@ -136,9 +139,8 @@ impl OneInput<'_> {
             };
             let (open, closed) = (plain(open), plain(closed));
             let (squared_open, squared_closed) = (on_circle(&open), on_circle(&closed));
-            let numerator = (0..n)
-                .map(|i| &open[0] * (&open[0] * &squared_closed[i] - &closed[0] * &squared_open[i]))
-                .collect();
+            let numerator =
+                (0..n).map(|i| &open[0] * (&open[0] * &squared_closed[i] - &closed[0] * &squared_open[i])).collect();
             let denominator = squared_open.iter().map(|c| &open[0] * &open[0] * c).collect();
             return vec![Part { numerator, denominator, map: Map::Circle }];
         }

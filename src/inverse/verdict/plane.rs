@@ -115,8 +115,11 @@ pub(super) fn search(core: &Core, reduced: &Reduced, ctl: &Ctl) -> Result<Outcom
     let moved = (&rounding.k * core.b.abs() + core.k.abs() * &rounding.b).norm() * 2.0;
     let moved = moved * if core.clock == Clock::Sampled { reduced.gain().norm() / core.k.norm() } else { 1.0 };
     let free = values.iter().filter(|s| **s <= moved).count() + svec::length(m) - values.len();
-    let basis: Vec<DMatrix<f64>> =
-        v.columns(svec::length(m) - free.max(m), free.max(m)).column_iter().map(|c| svec::smat(c.clone_owned().as_slice(), m)).collect();
+    let basis: Vec<DMatrix<f64>> = v
+        .columns(svec::length(m) - free.max(m), free.max(m))
+        .column_iter()
+        .map(|c| svec::smat(c.clone_owned().as_slice(), m))
+        .collect();
     let traces = DVector::from_iterator(basis.len(), basis.iter().map(DMatrix::trace));
     if traces.norm() <= 1e-10 {
         // No R of positive trace at all: T = I is orthogonal to all of them.
@@ -298,7 +301,8 @@ impl Plane<'_> {
         let m = self.core.ports();
         let mut exciting = DMatrix::zeros(m, self.core.states());
         let poles = self.reduced.eigenvalues().unwrap_or_default();
-        let (low, high) = poles.iter().map(|v| v.norm()).filter(|v| *v > 0.0).fold((1.0, 1.0), |(l, h), v| (v.min(l), v.max(h)));
+        let (low, high) =
+            poles.iter().map(|v| v.norm()).filter(|v| *v > 0.0).fold((1.0, 1.0), |(l, h), v| (v.min(l), v.max(h)));
         let (low, high): (f64, f64) = (0.3 * low, 3.0 * high);
         let count = self.core.states() / m + 4;
         for i in 0..count {
@@ -308,7 +312,8 @@ impl Plane<'_> {
                 exciting += self.at_frequency(&cut, &DMatrix::identity(m, m));
             }
         }
-        let size = |n: &DMatrix<f64>| self.dual.inputs(n, &self.dual.states(n)).norm().max(n.norm() * self.core.k.norm());
+        let size =
+            |n: &DMatrix<f64>| self.dual.inputs(n, &self.dual.states(n)).norm().max(n.norm() * self.core.k.norm());
         let (own, other) = (size(n), size(&exciting));
         if !(own.is_finite() && own > 0.0 && other > 0.0) {
             return Outcome::Neither;
@@ -354,13 +359,8 @@ fn maximise(
     let mut z = DVector::zeros(unknowns + 1);
     z.rows_mut(0, unknowns).copy_from(start);
     z[unknowns] = least - least.abs().max(1e-3);
-    let problem = Problem {
-        cost,
-        quadratic: None,
-        objective_scale: 1e-6,
-        gap: GAP,
-        blocks: asked.iter().map(block).collect(),
-    };
+    let problem =
+        Problem { cost, quadratic: None, objective_scale: 1e-6, gap: GAP, blocks: asked.iter().map(block).collect() };
     match lmi::solve(&problem, &z, ctl) {
         Ok(solution) => Ok(Some(solution)),
         Err(LmiError::Stopped(stopped)) => Err(stopped),
