@@ -112,19 +112,28 @@ impl Reduced {
     pub(super) fn direction(&self, omega: f64) -> Option<DMatrix<Complex64>> {
         let (n, m) = (self.frame.nrows(), self.ports);
         let complex = |v: f64| Complex64::new(v, 0.0);
-        let mut phi = DMatrix::<Complex64>::zeros(n, m);
-        phi.view_mut((0, 0), (m, m)).fill_with_identity();
-        if omega.is_finite() && n > m {
-            let inner = self.h.columns(m, n - m).map(complex);
-            let pencil = DMatrix::from_diagonal_element(n - m, n - m, Complex64::new(0.0, omega)) - inner;
-            let solved = pencil.lu().solve(&self.h.columns(0, m).map(complex))?;
-            phi.view_mut((m, 0), (n - m, m)).copy_from(&solved);
-        }
-        // Near a pole of A₂₂ the columns are almost parallel: orthogonalised first, then in the metric.
+        let phi = if omega.is_finite() && n > m {
+            // The kernel of [A₂₁, A₂₂ − s]: what is left of all coordinates beside its rows. Solving for the lower part
+            // would lose all but one column near a pole of A₂₂.
+            let size = 1.0 + omega;
+            let mut all = DMatrix::<Complex64>::zeros(n, 2 * n - m);
+            for i in 0..n - m {
+                for j in 0..n {
+                    all[(j, i)] = complex(self.h[(i, j)] / size);
+                }
+                // The conjugate of −jω.
+                all[(m + i, i)] += Complex64::new(0.0, omega / size);
+            }
+            all.view_mut((0, n - m), (n, n)).fill_with_identity();
+            all.qr().q().columns(n - m, m).into_owned()
+        } else {
+            let mut phi = DMatrix::<Complex64>::zeros(n, m);
+            phi.view_mut((0, 0), (m, m)).fill_with_identity();
+            phi
+        };
         if phi.iter().any(|v| !(v.re.is_finite() && v.im.is_finite())) {
             return None;
         }
-        let phi = phi.qr().q();
         let gram = phi.adjoint() * self.unit.map(complex) * &phi;
         let gram = (&gram + gram.adjoint()) * complex(0.5);
         let factor = gram.cholesky()?.l();
