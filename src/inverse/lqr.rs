@@ -19,10 +19,14 @@ pub const FORWARD: f64 = 1e-6;
 
 /// A forward error above this is worth a refinement of the weights.
 const REFINE: f64 = 1e-9;
+/// Unknowns of the weights up to which they are refined.
+const REFINED_UNKNOWNS: usize = 400;
 /// Unknowns up to which the margins t* are computed: beyond they would cost more than everything else.
 pub const MARGIN_UNKNOWNS: usize = 64;
 /// Unknowns up to which the least condition number is looked for.
 pub const CONDITION_UNKNOWNS: usize = 600;
+/// Margins of larger magnitude belong to weights without a trace, and mean nothing.
+const LARGEST_MARGIN: f64 = 1e6;
 /// How well a semidefinite program finds a margin.
 const MARGIN_PRECISION: f64 = 1e-9;
 /// Within a structure a margin of smaller magnitude is looked at in other units before it decides.
@@ -195,8 +199,9 @@ pub fn decision(gains: &Gains, ctl: &Ctl) -> Result<Decision, InverseError> {
 /// The answer about a loop that is stable as a whole.
 fn answered(gains: &Gains, decision: Decision, settings: &Settings, ctl: &Ctl) -> Result<InverseLqr, InverseError> {
     let structure = &settings.structure;
-    let (space, noise) =
-        if structure.is_free() { (Space::of(gains)?, 0.0) } else { Space::within(gains, structure, ctl)? };
+    let (n, m) = (gains.states(), gains.ports());
+    // The dimension of the space where inputs do not depend on each other: at least this.
+    let least = (n.saturating_sub(m).pow(2) + n + m) / 2;
     let mut answer = InverseLqr {
         verdict: decision.verdict,
         decision,
@@ -204,12 +209,23 @@ fn answered(gains: &Gains, decision: Decision, settings: &Settings, ctl: &Ctl) -
         t_star: None,
         t_star_scaled: None,
         t_star_upper_bound: None,
-        unknowns: space.len(),
+        unknowns: least,
         weights: None,
         conditioning: None,
         best_conditioned: false,
         solved_by: None,
     };
+    if structure.is_free() && least > CONDITION_UNKNOWNS {
+        // Too many unknowns for anything but the weights that prove the verdict.
+        answer.weights = match &answer.decision.weights {
+            Some((q, r)) => as_proven(gains, settings, q, r, ctl)?,
+            None => None,
+        };
+        return Ok(answer);
+    }
+    let (space, noise) =
+        if structure.is_free() { (Space::of(gains)?, 0.0) } else { Space::within(gains, structure, ctl)? };
+    answer.unknowns = space.len();
     if space.len() == 0 {
         answer.verdict = Verdict::Infeasible;
         return Ok(answer);
@@ -219,9 +235,9 @@ fn answered(gains: &Gains, decision: Decision, settings: &Settings, ctl: &Ctl) -
     let mut scaled = None;
     if is_small || !structure.is_free() {
         let own = margin(&space, &Units::uniform(&space, space.scale), ctl)?;
-        answer.t_star = own.filter(|m| m.solved).map(|m| m.t_star);
+        answer.t_star = own.filter(|m| m.solved && m.t_star.abs() <= LARGEST_MARGIN).map(|m| m.t_star);
         scaled = margin(&space, &Units::uniform(&space, 1.0), ctl)?;
-        if let Some(found) = &scaled {
+        if let Some(found) = scaled.as_ref().filter(|m| m.t_star.abs() <= LARGEST_MARGIN) {
             answer.t_star_scaled = Some(found.t_star);
             answer.t_star_upper_bound = Some(found.upper_bound);
         }
@@ -263,6 +279,23 @@ fn answered(gains: &Gains, decision: Decision, settings: &Settings, ctl: &Ctl) -
         }
     }
     Ok(answer)
+}
+
+/// The weights that prove the verdict, where inputs reach every state.
+fn as_proven(
+    gains: &Gains,
+    settings: &Settings,
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    ctl: &Ctl,
+) -> Result<Option<Weights>, Stopped> {
+    let Some(q) = gains.reach.state_weight(q) else { return Ok(None) };
+    let (q, r) = (symmetric(&q), symmetric(&gains.reach.input_weight(r)));
+    let least = q.symmetric_eigenvalues().min().min(r.symmetric_eigenvalues().min());
+    if least <= 0.0 {
+        return Ok(None);
+    }
+    proven(gains, settings, q / least, r / least, ctl)
 }
 
 /// The verdict within a structure: by the sign of the margin, in units in which it is large, against what the rounding
@@ -376,7 +409,8 @@ fn proven(
     let attempt =
         |q: DMatrix<f64>, r: DMatrix<f64>| proof::prove(gains, &q, &r).ok().map(|proof| Weights { q, r, proof });
     let mut best = attempt(q.clone(), r.clone());
-    if error_of(&best) > REFINE {
+    let (n, m) = (gains.states(), gains.ports());
+    if error_of(&best) > REFINE && settings.structure.unknowns(n, m) <= REFINED_UNKNOWNS {
         let objective = Objective::new(gains, None);
         if let Some((q, r)) = refine(&objective, &settings.structure, &q, &r, ctl)? {
             let refined = attempt(q, r);

@@ -21,6 +21,8 @@ const PERTURBED: usize = 32;
 const DRAWS: usize = 3;
 /// How much more than the draws show counts as rounding.
 const NOISE: f64 = 4.0;
+/// From so many columns on an orthonormal basis comes from faer.
+const LARGE: usize = 40;
 /// Sweeps that make rows and columns of the equalities equally long.
 const SWEEPS: usize = 4;
 
@@ -390,6 +392,9 @@ fn orthonormal(m: &DMatrix<f64>) -> Result<DMatrix<f64>, NoConvergence> {
         return Ok(m.clone());
     }
     // The columns are independent since the closed loop is stable: Q + KᵀRK = 0 only for P = 0.
-    let qr = m.clone().qr();
-    Ok(qr.q())
+    if m.ncols() < LARGE {
+        return Ok(m.clone().qr().q());
+    }
+    let q = faer::MatRef::from_column_major_slice(m.as_slice(), m.nrows(), m.ncols()).qr().compute_thin_Q();
+    Ok(DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| q[(i, j)]))
 }

@@ -397,10 +397,10 @@ fn a_large_loop_with_eight_inputs_is_decided() {
     let ask =
         |k: &DMatrix<f64>| decision(&Gains::regulator(&a, &b, k, Clock::Continuous).unwrap(), &Ctl::new()).unwrap();
     assert_eq!(ask(&k).verdict, Verdict::Feasible);
-    let moved = &k + random(m, n, &mut stream) * (0.5 * k.norm() / ((m * n) as f64).sqrt());
-    let found = ask(&moved);
+    // Half of an optimal gain still stabilises, and is too feeble to be optimal itself.
+    let found = ask(&(&k * 0.55));
     assert_eq!(found.verdict, Verdict::Infeasible);
-    assert!(found.relative_change.unwrap() < 0.5, "{:?}", found.relative_change);
+    assert!(found.relative_change.unwrap() < 0.9, "{:?}", found.relative_change);
 }
 
 #[test]
