@@ -1,7 +1,7 @@
 //! Conic programs in words, solved by clarabel.
 //!
 //! `minimise ½ xᵀPx + qᵀx` subject to affine expressions that are zero, at least zero, in a second-order cone or
-//! positive semidefinite. A solve is not interrupted: a [`Ctl`] is looked at before and after.
+//! positive semidefinite. A [`Ctl`] is looked at in every step.
 
 use super::svec;
 use crate::ctl::{Ctl, Stopped};
@@ -221,6 +221,8 @@ impl Program {
         };
         let mut solver = DefaultSolver::new(&p, &self.linear, &a, &b, &cones, settings)
             .map_err(|error| ConicError::Refused(format!("{error:?}")))?;
+        let flag = ctl.stop_flag();
+        solver.set_termination_callback(move |_| flag.is_raised());
         solver.solve();
         ctl.check()?;
         let solution = &solver.solution;

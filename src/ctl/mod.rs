@@ -12,7 +12,7 @@ mod progress;
 pub use bracket::Bracket;
 pub use progress::{Phase, Progress, UnknownPhase};
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Why a computation was asked to stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,7 +36,7 @@ pub struct Stopped(pub StopReason);
 /// Shared between the threads of one computation and its watcher.
 #[derive(Debug, Default)]
 pub struct Ctl {
-    stop: AtomicU8,
+    stop: Arc<AtomicU8>,
     /// Units finished; counted by every thread, so apart from the rest.
     done: AtomicU64,
     course: Mutex<Course>,
@@ -89,6 +89,15 @@ impl Drop for Scope<'_> {
         if course.scopes.len() > 1 {
             course.scopes.pop();
         }
+/// Whether a computation was asked to stop, for a callback of a library that outlives the borrow of its [`Ctl`].
+#[derive(Debug, Clone)]
+pub struct StopFlag(Arc<AtomicU8>);
+
+impl StopFlag {
+    /// Whether somebody asked the computation to stop.
+    #[must_use]
+    pub fn is_raised(&self) -> bool {
+        self.0.load(Ordering::Relaxed) != 0
     }
 }
 
@@ -103,6 +112,12 @@ impl Ctl {
     pub fn stop(&self, reason: StopReason) {
         // A failed exchange means that an earlier reason stands, which is what is wanted.
         let _ = self.stop.compare_exchange(0, reason as u8, Ordering::Relaxed, Ordering::Relaxed);
+    }
+
+    /// The same question for a callback.
+    #[must_use]
+    pub fn stop_flag(&self) -> StopFlag {
+        StopFlag(Arc::clone(&self.stop))
     }
 
     /// `Err` once somebody asked the computation to stop.

@@ -1,24 +1,36 @@
-//! Units of the states in which plant and gain have numbers of one size.
+//! Units of states and inputs in which plant and gain have numbers of one size.
 //!
 //! Whether a gain is optimal does not depend on units, but digits do: with one state in nanometres and another in
-//! radians, the weights lie twelve decades apart, and the margin in those units is zero to working precision for gains
-//! that are optimal by construction.
+//! radians, the weights lie twelve decades apart, and with inputs in units over eight decades R does.
 
-use super::gains::Gains;
 use nalgebra::{DMatrix, DVector};
 
 /// Sweeps at most; a few are enough.
 const SWEEPS: usize = 20;
 
-/// The gains in the states `x' = D⁻¹x`, and the diagonal of D, powers of two, so that nothing is rounded: rows and
-/// columns of `[A B; K 0]` become equally long (Osborne, J. ACM 7, 338–345, 1960). The units of the inputs are balanced
-/// on the way, and stay as they are.
-pub(super) fn balanced(gains: &Gains) -> (Gains, DVector<f64>) {
-    let (n, m) = (gains.states(), gains.ports());
+/// Matrices in the states `x' = D⁻¹x` and the inputs `u' = E⁻¹u`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Balanced {
+    /// `D⁻¹AD`, n×n.
+    pub a: DMatrix<f64>,
+    /// `D⁻¹BE`, n×m.
+    pub b: DMatrix<f64>,
+    /// `E⁻¹KD`, m×n.
+    pub k: DMatrix<f64>,
+    /// The diagonal of D.
+    pub states: DVector<f64>,
+    /// The diagonal of E.
+    pub inputs: DVector<f64>,
+}
+
+/// Rows and columns of `[A B; K 0]` become equally long (Osborne, J. ACM 7, 338–345, 1960), by powers of two, so that
+/// nothing is rounded.
+pub(super) fn balanced(a: &DMatrix<f64>, b: &DMatrix<f64>, k: &DMatrix<f64>) -> Balanced {
+    let (n, m) = b.shape();
     let mut whole = DMatrix::zeros(n + m, n + m);
-    whole.view_mut((0, 0), (n, n)).copy_from(&gains.a);
-    whole.view_mut((0, n), (n, m)).copy_from(&gains.b);
-    whole.view_mut((n, 0), (m, n)).copy_from(&gains.k);
+    whole.view_mut((0, 0), (n, n)).copy_from(a);
+    whole.view_mut((0, n), (n, m)).copy_from(b);
+    whole.view_mut((n, 0), (m, n)).copy_from(k);
     let mut factors = DVector::from_element(n + m, 1.0);
     for _ in 0..SWEEPS {
         let mut moved = false;
@@ -44,41 +56,48 @@ pub(super) fn balanced(gains: &Gains) -> (Gains, DVector<f64>) {
             break;
         }
     }
-    let d = factors.rows(0, n).into_owned();
-    let scaled = |m: &DMatrix<f64>, row: bool, column: bool| {
-        DMatrix::from_fn(m.nrows(), m.ncols(), |i, j| {
-            m[(i, j)] / if row { d[i] } else { 1.0 } * if column { d[j] } else { 1.0 }
-        })
-    };
-    let balanced = Gains {
-        a: scaled(&gains.a, true, true),
-        b: scaled(&gains.b, true, false),
-        k: scaled(&gains.k, false, true),
-        ..gains.clone()
-    };
-    (balanced, d)
+    Balanced {
+        a: whole.view((0, 0), (n, n)).into_owned(),
+        b: whole.view((0, n), (n, m)).into_owned(),
+        k: whole.view((n, 0), (m, n)).into_owned(),
+        states: factors.rows(0, n).into_owned(),
+        inputs: factors.rows(n, m).into_owned(),
+    }
+}
+
+impl Balanced {
+    /// P or Q in the units of the plant.
+    pub(super) fn state_weight(&self, weight: &DMatrix<f64>) -> DMatrix<f64> {
+        DMatrix::from_fn(weight.nrows(), weight.ncols(), |i, j| weight[(i, j)] / (self.states[i] * self.states[j]))
+    }
+
+    /// R in the units of the plant.
+    pub(super) fn input_weight(&self, weight: &DMatrix<f64>) -> DMatrix<f64> {
+        DMatrix::from_fn(weight.nrows(), weight.ncols(), |i, j| weight[(i, j)] / (self.inputs[i] * self.inputs[j]))
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::lyapunov::Clock;
 
     #[test]
-    fn units_of_the_states_are_undone() {
+    fn units_of_states_and_inputs_are_undone() {
         let a = DMatrix::from_row_slice(2, 2, &[0.3, 1.0, 2.0, -0.5]);
-        let (b, k) = (DMatrix::from_row_slice(2, 1, &[0.4, 1.0]), DMatrix::from_row_slice(1, 2, &[4.0, 3.0]));
-        let gains = Gains::regulator(&a, &b, &k, Clock::Continuous).unwrap();
-        let (plain, d) = balanced(&gains);
-        assert!(d.iter().all(|v| (0.25..=4.0).contains(v)), "{d}");
-        let unit = [2f64.powi(30), 2f64.powi(-20)];
-        let a = DMatrix::from_fn(2, 2, |i, j| a[(i, j)] * unit[i] / unit[j]);
-        let b = DMatrix::from_fn(2, 1, |i, _| b[i] * unit[i]);
-        let k = DMatrix::from_fn(1, 2, |_, j| k[j] / unit[j]);
-        let (found, d) = balanced(&Gains { a, b, k, ..gains });
-        // Up to a factor that all states and inputs have in common.
-        assert!(((d[0] / d[1]) / (unit[0] / unit[1])).log2().abs() <= 2.0, "{d}");
+        let b = DMatrix::from_row_slice(2, 2, &[0.4, 0.1, 1.0, -0.3]);
+        let k = DMatrix::from_row_slice(2, 2, &[4.0, 3.0, 1.0, -2.0]);
+        let plain = balanced(&a, &b, &k);
+        let (unit, port) = ([2f64.powi(30), 2f64.powi(-20)], [2f64.powi(15), 2f64.powi(-12)]);
+        let found = balanced(
+            &DMatrix::from_fn(2, 2, |i, j| a[(i, j)] * unit[i] / unit[j]),
+            &DMatrix::from_fn(2, 2, |i, j| b[(i, j)] * unit[i] / port[j]),
+            &DMatrix::from_fn(2, 2, |i, j| k[(i, j)] * port[i] / unit[j]),
+        );
         // Within a factor of four, the best that powers of two promise.
-        assert!((found.a.amax() / plain.a.amax()).log2().abs() <= 2.0);
+        for (one, other) in [(&found.a, &plain.a), (&found.b, &plain.b), (&found.k, &plain.k)] {
+            assert!((one.amax() / other.amax()).log2().abs() <= 2.0);
+        }
+        let back = found.state_weight(&DMatrix::identity(2, 2));
+        assert!((back[(0, 0)] * found.states[0].powi(2) - 1.0).abs() < 1e-15);
     }
 }

@@ -1,8 +1,9 @@
 //! The best conditioned weights (Priess 2015, eq. (3.11)–(3.13)).
 
+use super::lqr::Settings;
 use super::space::Space;
 use super::structure::QSign;
-use crate::convex::lmi::{self, Block, LmiError, Problem};
+use crate::convex::lmi::{self, Block, LmiError, Problem, SolvedBy};
 use crate::ctl::Ctl;
 use crate::num::linalg::{self, NoConvergence};
 use nalgebra::{DMatrix, DVector};
@@ -31,6 +32,8 @@ pub(super) struct Conditioned {
     pub lower_bound: f64,
     /// Dimension of the set of weights with the same α.
     pub face: usize,
+    /// Who solved it.
+    pub solved_by: SolvedBy,
     /// Largest change of a diagonal weight within that set, as a share of the weight; `None` where the set is too large
     /// to be measured, and the weights are then any of it.
     pub width: Option<f64>,
@@ -49,7 +52,7 @@ pub(super) enum ConditionError {
 pub(super) fn best_conditioned(
     space: &Space,
     start: &DVector<f64>,
-    q_sign: QSign,
+    settings: &Settings,
     ctl: &Ctl,
 ) -> Result<Conditioned, ConditionError> {
     let s2 = space.scale * space.scale;
@@ -62,7 +65,7 @@ pub(super) fn best_conditioned(
         (values.min(), values.max())
     };
     let ((low_q, high_q), (low_r, high_r)) = (range(&q0), range(&r0));
-    let floor_q = if q_sign == QSign::Definite { least_q } else { 0.0 };
+    let floor_q = if settings.structure.q_sign == QSign::Definite { least_q } else { 0.0 };
     let factor = 1.5 * (floor_q / low_q).max(least_r / low_r);
     let a0 = 1.5 * factor * (high_q * s2).max(high_r);
     // Blocks in units in which their entries at the start are of size 1.
@@ -86,14 +89,20 @@ pub(super) fn best_conditioned(
     z0.rows_mut(0, space.len()).copy_from(start);
     z0[unknowns - 1] = 1.0;
     let problem = Problem { cost, quadratic: None, objective_scale: 0.0, gap: lmi::GAP, blocks };
-    let solution = lmi::solve(&problem, &z0, ctl)?;
+    let (solution, solved_by) = lmi::solve_with(&problem, &z0, settings.solver, ctl)?;
     let alpha = solution.objective * a0;
     // α is at most a0 at the start, and every weight in the feasible set is then bounded; so is what the residual can
     // hide.
     let hidden = solution.dual_residual * (1.0 + solution.z.norm()) * 4.0;
     let lower_bound = ((solution.dual_objective - hidden) * a0).max(1.0);
-    let mut found =
-        Conditioned { z: solution.z.rows(0, space.len()) * factor, alpha, lower_bound, face: 0, width: Some(0.0) };
+    let mut found = Conditioned {
+        z: solution.z.rows(0, space.len()) * factor,
+        alpha,
+        lower_bound,
+        face: 0,
+        solved_by,
+        width: Some(0.0),
+    };
     let free = free_directions(&problem, &solution)?;
     found.face = free.ncols();
     if free.ncols() > MAX_FACE {

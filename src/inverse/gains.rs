@@ -1,7 +1,7 @@
 //! The question: a plant and a gain, checked.
 
+use super::reach::{Reach, ReachError, Targets};
 use crate::control::lyapunov::Clock;
-use crate::control::structural::{self, StructuralError};
 use crate::num::linalg::{self, NoConvergence};
 use nalgebra::DMatrix;
 use num_complex::Complex64;
@@ -36,8 +36,9 @@ impl Role {
 
 /// A plant and a stabilising gain.
 ///
-/// A is n×n, B is n×m and K is m×n with 1 ≤ n ≤ 64 and m ≥ 1; (A, B) is controllable and A − BK is stable. For a filter
-/// these are Aᵀ, Cᵀ and Lᵀ.
+/// A is n×n, B is n×m and K is m×n with 1 ≤ n ≤ 64 and m ≥ 1; the inputs reach a state at least, and A − BK is stable
+/// by more than rounding, but for set points that no input reaches and that cost nothing to hold. For a filter these
+/// are Aᵀ, Cᵀ and Lᵀ.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gains {
     pub(super) a: DMatrix<f64>,
@@ -46,6 +47,18 @@ pub struct Gains {
     pub(super) clock: Clock,
     pub(super) role: Role,
     pub(super) poles: Vec<Complex64>,
+    pub(super) reach: Reach,
+}
+
+/// What is known of the gain beside its entries.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Knowledge {
+    /// Half a unit of the last digit of each entry, absolute and not negative, in the shape of the gain as it is written
+    /// (n×p of a filter); none where the entries are as exact as their doubles.
+    pub gain_rounding: Option<DMatrix<f64>>,
+    /// A discount of the cost: the factor γ < 1 of each sample, or in continuous time the rate ρ > 0 of `e^(−ρt)`, per
+    /// unit of time. The question is then that of √γ A and √γ B, or of A − ρI/2.
+    pub discount: Option<f64>,
 }
 
 /// A question that has no answer.
@@ -119,16 +132,6 @@ pub enum GainsError {
         /// The entry.
         value: f64,
     },
-    /// The gain is zero.
-    #[error("{matrix} ({rows}x{columns}) is zero: it would be optimal only for a cost that ignores the states")]
-    ZeroGain {
-        /// The letter of the gain.
-        matrix: &'static str,
-        /// Its rows.
-        rows: usize,
-        /// Its columns.
-        columns: usize,
-    },
     /// The closed loop does not decay.
     #[error("{product} ({states}x{states}) is not stable: it has the eigenvalue {pole}")]
     UnstableLoop {
@@ -139,26 +142,50 @@ pub enum GainsError {
         /// The eigenvalue that is worst.
         pole: Complex64,
     },
-    /// A mode that no input reaches, or no output sees.
+    /// The closed loop is stable only within the rounding of its data.
     #[error(
-        "(A, {matrix}) with A {states}x{states} and {matrix} {rows}x{columns} is not {property}: {miss} the mode {mode}"
+        "{product} ({states}x{states}) is stable only within rounding: its eigenvalue {pole} may move by {shift:.1e}"
     )]
+    MarginalLoop {
+        /// `A − BK` or `A − LC`.
+        product: &'static str,
+        /// Its rows and columns.
+        states: usize,
+        /// The eigenvalue.
+        pole: Complex64,
+        /// How far the rounding of the data may move it, to first order.
+        shift: f64,
+    },
+    /// No input reaches any state, or no output sees one.
+    #[error("{matrix} is {rows}x{columns} and zero: {miss}")]
     Unreachable {
         /// `B` or `C`.
         matrix: &'static str,
-        /// Rows and columns of A.
-        states: usize,
         /// Rows of B or C.
         rows: usize,
         /// Columns of B or C.
         columns: usize,
-        /// `controllable` or `observable`.
-        property: &'static str,
+        /// `no input reaches a state` or `no output sees one`.
+        miss: &'static str,
+    },
+    /// A mode that no input reaches (no output sees) does not decay, and holding against it costs for ever.
+    #[error(
+        "{miss} the mode {mode}, which does not decay, and {matrix} answers it with {cost:.1e} in the steady state: the \
+         cost is infinite"
+    )]
+    EndlessCost {
+        /// The letter of the gain.
+        matrix: &'static str,
         /// `no input reaches` or `no output sees`.
         miss: &'static str,
-        /// The eigenvalue.
+        /// The mode.
         mode: Complex64,
+        /// ‖KV‖ over the set points V, in balanced units.
+        cost: f64,
     },
+    /// What is known beside the gain does not fit.
+    #[error("{0}")]
+    Knowledge(&'static str),
     /// An eigenvalue iteration failed.
     #[error(transparent)]
     NoConvergence(#[from] NoConvergence),
@@ -173,9 +200,10 @@ impl GainsError {
             Self::Empty { matrix, .. }
             | Self::Size { matrix, .. }
             | Self::Entry { matrix, .. }
-            | Self::ZeroGain { matrix, .. }
+            | Self::EndlessCost { matrix, .. }
             | Self::Unreachable { matrix, .. } => matrix,
-            Self::UnstableLoop { product, .. } => {
+            Self::Knowledge(_) => "K",
+            Self::UnstableLoop { product, .. } | Self::MarginalLoop { product, .. } => {
                 if product.contains('K') {
                     "K"
                 } else {
@@ -192,8 +220,22 @@ impl Gains {
     /// # Errors
     /// [`GainsError`] naming the matrix, its size and the reason.
     pub fn regulator(a: &DMatrix<f64>, b: &DMatrix<f64>, k: &DMatrix<f64>, clock: Clock) -> Result<Self, GainsError> {
+        Self::regulator_with(a, b, k, clock, &Knowledge::default())
+    }
+
+    /// The same with what is known beside the gain.
+    ///
+    /// # Errors
+    /// [`GainsError`] naming the matrix, its size and the reason.
+    pub fn regulator_with(
+        a: &DMatrix<f64>,
+        b: &DMatrix<f64>,
+        k: &DMatrix<f64>,
+        clock: Clock,
+        knowledge: &Knowledge,
+    ) -> Result<Self, GainsError> {
         check_shapes(a, b.shape(), k.shape(), Role::Regulator)?;
-        Self::checked(a.clone(), b.clone(), k.clone(), clock, Role::Regulator)
+        Self::checked(a.clone(), b.clone(), k.clone(), clock, Role::Regulator, knowledge)
     }
 
     /// A filter `x̂⁺ = Ax̂ + Bu + L(y − Cx̂ − Du)`, with C p×n and L n×p; D does not matter, since the filter knows u.
@@ -201,9 +243,24 @@ impl Gains {
     /// # Errors
     /// [`GainsError`] naming the matrix, its size and the reason.
     pub fn filter(a: &DMatrix<f64>, c: &DMatrix<f64>, l: &DMatrix<f64>, clock: Clock) -> Result<Self, GainsError> {
+        Self::filter_with(a, c, l, clock, &Knowledge::default())
+    }
+
+    /// The same with what is known beside the gain.
+    ///
+    /// # Errors
+    /// [`GainsError`] naming the matrix, its size and the reason.
+    pub fn filter_with(
+        a: &DMatrix<f64>,
+        c: &DMatrix<f64>,
+        l: &DMatrix<f64>,
+        clock: Clock,
+        knowledge: &Knowledge,
+    ) -> Result<Self, GainsError> {
         let swap = |(rows, columns)| (columns, rows);
         check_shapes(a, swap(c.shape()), swap(l.shape()), Role::Filter)?;
-        Self::checked(a.transpose(), c.transpose(), l.transpose(), clock, Role::Filter)
+        let dual = Knowledge { gain_rounding: knowledge.gain_rounding.as_ref().map(DMatrix::transpose), ..*knowledge };
+        Self::checked(a.transpose(), c.transpose(), l.transpose(), clock, Role::Filter, &dual)
     }
 
     fn checked(
@@ -212,6 +269,7 @@ impl Gains {
         k: DMatrix<f64>,
         clock: Clock,
         role: Role,
+        knowledge: &Knowledge,
     ) -> Result<Self, GainsError> {
         // As they are written: a filter's are transposed here.
         let written =
@@ -228,30 +286,42 @@ impl Gains {
                 }
             }
         }
-        if k.norm() < LARGEST_ENTRY.recip() {
-            let (rows, columns) = written(k.shape());
-            return Err(GainsError::ZeroGain { matrix: role.gain(), rows, columns });
+        if let Some(rounding) = &knowledge.gain_rounding
+            && (rounding.shape() != k.shape() || rounding.iter().any(|v| !(v.is_finite() && *v >= 0.0)))
+        {
+            return Err(GainsError::Knowledge("the rounding of the gain must have its shape, with numbers from 0 on"));
         }
-        structural::check_controllable(&a, &b).map_err(|error| match error {
-            StructuralError::NoConvergence(e) => e.into(),
-            StructuralError::NotControllable(mode)
-            | StructuralError::NotStabilisable(mode)
-            | StructuralError::NotDetectable(mode)
-            | StructuralError::UnseenBoundaryMode(mode) => {
-                let (property, miss) = match role {
-                    Role::Regulator => ("controllable", "no input reaches"),
-                    Role::Filter => ("observable", "no output sees"),
-                };
-                let (rows, columns) = written(b.shape());
-                GainsError::Unreachable { matrix: role.input(), states: a.nrows(), rows, columns, property, miss, mode }
+        let (a, b) = match (knowledge.discount, clock) {
+            (None, _) => (a, b),
+            (Some(gamma), Clock::Sampled) if gamma > 0.0 && gamma < 1.0 => (a * gamma.sqrt(), b * gamma.sqrt()),
+            (Some(rate), Clock::Continuous) if rate > 0.0 && rate <= LARGEST_ENTRY => {
+                let n = a.nrows();
+                (a - DMatrix::identity(n, n) * (0.5 * rate), b)
             }
+            (Some(_), Clock::Sampled) => {
+                return Err(GainsError::Knowledge("the discount of a sample must lie between 0 and 1"));
+            }
+            (Some(_), Clock::Continuous) => {
+                return Err(GainsError::Knowledge("the rate of the discount must be positive"));
+            }
+        };
+        let (miss_any, miss) = match role {
+            Role::Regulator => ("no input reaches a state", "no input reaches"),
+            Role::Filter => ("no output sees a state", "no output sees"),
+        };
+        let (states, product) = (a.nrows(), role.product());
+        let reach = Reach::new(&a, &b, &k, clock, knowledge.gain_rounding.as_ref()).map_err(|error| match error {
+            ReachError::NoConvergence(error) => error.into(),
+            ReachError::Nothing => {
+                let (rows, columns) = written(b.shape());
+                GainsError::Unreachable { matrix: role.input(), rows, columns, miss: miss_any }
+            }
+            ReachError::Unstable(pole) => GainsError::UnstableLoop { product, states, pole },
+            ReachError::Marginal { pole, shift } => GainsError::MarginalLoop { product, states, pole, shift },
+            ReachError::EndlessCost { mode, cost } => GainsError::EndlessCost { matrix: role.gain(), miss, mode, cost },
         })?;
         let poles = linalg::eigenvalues(&(&a - &b * &k))?;
-        let worst = poles.iter().copied().min_by(|x, y| clock.margin(*x).total_cmp(&clock.margin(*y)));
-        if let Some(pole) = worst.filter(|pole| clock.margin(*pole) <= 0.0) {
-            return Err(GainsError::UnstableLoop { product: role.product(), states: a.nrows(), pole });
-        }
-        Ok(Self { a, b, k, clock, role, poles })
+        Ok(Self { a, b, k, clock, role, poles, reach })
     }
 
     /// n.
@@ -300,6 +370,32 @@ impl Gains {
     #[must_use]
     pub fn poles(&self) -> &[Complex64] {
         &self.poles
+    }
+
+    /// Targets or references in the state that no input reaches, where there are any.
+    #[must_use]
+    pub fn targets(&self) -> Option<&Targets> {
+        self.reach.targets.as_ref()
+    }
+
+    /// Modes that no input reaches (no output sees) and that decay by themselves: their part of the gain is free.
+    #[must_use]
+    pub fn decaying(&self) -> &[Complex64] {
+        &self.reach.decaying
+    }
+
+    /// The bounds of the gain's entries within which the verdict holds, m×n; `None` where inputs do not reach every
+    /// state.
+    #[must_use]
+    pub fn rounding(&self) -> Option<DMatrix<f64>> {
+        self.reach.gain_box()
+    }
+
+    /// The question about the errors from the set points.
+    pub(super) fn errors(&self, targets: &Targets) -> Self {
+        let [a, b, k] = targets.errors.clone();
+        let reach = self.reach.without_targets();
+        Self { a, b, k, reach, ..self.clone() }
     }
 
     /// A − BK.

@@ -1,24 +1,35 @@
 //! The inverse regulator problem (Priess 2015, §3.2), decided and proven.
 
-use super::balance::balanced;
 use super::condition::{self, ConditionError};
 use super::fit::{Objective, refine};
 use super::gains::Gains;
+use super::margin::{Margin, Units, margin};
 use super::proof::{self, Proof};
-use super::space::Space;
+use super::space::{Space, SpaceError};
 use super::structure::{QSign, Structure, StructureError};
-use super::verdict::{Margin, Units, Verdict, margin, verdict};
-use crate::convex::lmi::LmiError;
+use super::verdict::{Decision, DecisionError, Verdict, decide};
+use crate::control::lyapunov::LinearEquationError;
+use crate::convex::lmi::{LmiError, SolvedBy, Solver};
 use crate::ctl::{Ctl, Stopped};
 use crate::num::linalg::{NoConvergence, symmetric};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// A forward error above this contradicts a feasible verdict.
 pub const FORWARD: f64 = 1e-6;
 
 /// A forward error above this is worth a refinement of the weights.
 const REFINE: f64 = 1e-9;
-/// A scaled margin of smaller magnitude is looked at in other units before it decides.
+/// Unknowns of the weights up to which they are refined.
+const REFINED_UNKNOWNS: usize = 400;
+/// Unknowns up to which the margins t* are computed: beyond they would cost more than everything else.
+pub const MARGIN_UNKNOWNS: usize = 64;
+/// Unknowns up to which the least condition number is looked for.
+pub const CONDITION_UNKNOWNS: usize = 600;
+/// Margins of larger magnitude belong to weights without a trace, and mean nothing.
+const LARGEST_MARGIN: f64 = 1e6;
+/// How well a semidefinite program finds a margin.
+const MARGIN_PRECISION: f64 = 1e-9;
+/// Within a structure a margin of smaller magnitude is looked at in other units before it decides.
 const CLEAR: f64 = 1e-4;
 /// Changes of units at most.
 const REBALANCES: usize = 4;
@@ -28,6 +39,8 @@ const REBALANCES: usize = 4;
 pub struct Settings {
     /// What is known of the weights beforehand.
     pub structure: Structure,
+    /// Who solves the matrix inequality of the least condition number.
+    pub solver: Solver,
 }
 
 /// Weights that make the gain optimal.
@@ -58,26 +71,32 @@ pub struct Conditioning {
 /// The answer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InverseLqr {
-    /// Whether weights exist.
+    /// Whether weights exist, within the structure.
     pub verdict: Verdict,
+    /// The verdict without a structure, and what it rests on. Where that is infeasible, so is every structure.
+    pub decision: Decision,
+    /// Whether the structure leaves states out of Q: a feasible verdict then means weights that are definite on the
+    /// others, and is a boundary for the whole.
+    pub is_within_pattern: bool,
     /// `max t` with `Q ⪰ tI`, `R ⪰ tI`, `tr Q + tr R = n + m`, in the units of the plant; `None` where no weights have
-    /// a positive trace.
+    /// a positive trace, and beyond [`MARGIN_UNKNOWNS`]. It is no distance: where R may become singular it is 0
+    /// whatever the gain.
     pub t_star: Option<f64>,
-    /// The same with Q divided by s², its natural size for R of size 1 (about ‖K‖²): the better conditioned of the two.
-    /// Where it is small, in units of the states in which plant and gain are of one size, if it is larger there.
+    /// The same with Q divided by s², its natural size for R of size 1 (about ‖K‖²).
     pub t_star_scaled: Option<f64>,
-    /// No larger margin exists in the units that decided, by the dual certificate: negative where the verdict is
-    /// infeasible.
+    /// No larger `t_star_scaled` exists, by the dual.
     pub t_star_upper_bound: Option<f64>,
     /// Dimension of the space of weights that satisfy the equalities.
     pub unknowns: usize,
     /// The weights: of least condition number where definite ones exist, those of the largest margin on the boundary.
     pub weights: Option<Weights>,
-    /// The least condition number, where definite weights exist.
+    /// The least condition number, where definite weights exist and it was looked for.
     pub conditioning: Option<Conditioning>,
-    /// Whether the weights are those of the least condition number. False on the boundary, and where rounding keeps
-    /// those from returning the gain: the weights are then those of the largest margin.
+    /// Whether the weights are those of the least condition number. False on the boundary, where rounding keeps those
+    /// from returning the gain, and beyond [`CONDITION_UNKNOWNS`].
     pub best_conditioned: bool,
+    /// Who solved the matrix inequality of the least condition number.
+    pub solved_by: Option<SolvedBy>,
 }
 
 /// Why there is no answer.
@@ -92,26 +111,9 @@ pub enum InverseError {
     /// A decomposition failed.
     #[error(transparent)]
     NoConvergence(#[from] NoConvergence),
-    /// The verdict is feasible, but the weights do not return the gain: the problem is beyond working precision.
-    #[error(
-        "weights exist with a margin of {t_star:.1e}, but solving the forward problem returns the gain only to \
-         {forward_error:.1e} \
-         (at most {FORWARD:.0e} is accepted)"
-    )]
-    Unproven {
-        /// The scaled margin.
-        t_star: f64,
-        /// The relative forward error; infinite where the forward problem could not be solved.
-        forward_error: f64,
-    },
-    /// The semidefinite program for the margin did not converge.
-    #[error("the margin lies between {t_star:.3e} and {upper_bound:.3e}, and working precision does not tell where")]
-    Undecided {
-        /// A margin that is attained.
-        t_star: f64,
-        /// No larger one exists.
-        upper_bound: f64,
-    },
+    /// A matrix equation of the loop is singular.
+    #[error(transparent)]
+    Linear(#[from] LinearEquationError),
     /// The interior-point method had no start.
     #[error("the semidefinite program could not be started")]
     NoStart,
@@ -135,108 +137,263 @@ impl From<ConditionError> for InverseError {
     }
 }
 
+impl From<DecisionError> for InverseError {
+    fn from(error: DecisionError) -> Self {
+        match error {
+            DecisionError::Stopped(stopped) => stopped.into(),
+            DecisionError::NoConvergence(error) => error.into(),
+        }
+    }
+}
+
+impl From<SpaceError> for InverseError {
+    fn from(error: SpaceError) -> Self {
+        match error {
+            SpaceError::Stopped(stopped) => stopped.into(),
+            SpaceError::NoConvergence(error) => error.into(),
+            SpaceError::Linear(error) => error.into(),
+        }
+    }
+}
+
 /// Decides whether weights exist for which the gain is optimal, and finds the best conditioned ones.
 ///
-/// 1. t*, scaled: weights exist where it is positive. Where it is small, other units show it better; between ±1e-7 it
-///    decides nothing.
-/// 2. Where it is positive, `min α` with `I ⪯ blkdiag(Q, R) ⪯ αI` (eq. (3.12), (3.13)); of several weights those of
-///    least Frobenius norm.
+/// 1. The verdict without a structure, by its own certificate ([`Decision`]).
+/// 2. Where definite weights exist `min α` with `I ⪯ blkdiag(Q, R) ⪯ αI` (Priess 2015, eq. (3.12), (3.13)); of several
+///    weights those of least Frobenius norm.
 /// 3. The forward Riccati equation of these weights must return the gain.
+///
+/// Within a structure the weights are looked for among the structured ones. Of set points that no input reaches Q
+/// weighs the distance: `Q = MᵀQ_eM`.
 ///
 /// # Errors
 /// [`InverseError`].
 pub fn inverse_lqr(gains: &Gains, settings: &Settings, ctl: &Ctl) -> Result<InverseLqr, InverseError> {
     settings.structure.check(gains.states(), gains.ports())?;
     ctl.check()?;
-    let mut space = Space::new(gains, &settings.structure)?;
+    let decision = decide(gains, ctl)?;
+    let Some(targets) = &gains.reach.targets else { return answered(gains, decision, settings, ctl) };
+    if settings.structure.q_pattern.is_some() {
+        return Err(StructureError::Targets { order: gains.states() }.into());
+    }
+    let errors = gains.errors(targets);
+    let mut answer = answered(&errors, decision, settings, ctl)?;
+    if let Some(weights) = &mut answer.weights {
+        weights.q = targets.lift(&weights.q);
+        weights.proof.p = targets.lift(&weights.proof.p);
+        weights.proof.forward_gain = &weights.proof.forward_gain * &targets.map;
+        weights.proof.forward_error =
+            (&weights.proof.forward_gain - &gains.k).norm() / gains.k.norm().max(f64::MIN_POSITIVE);
+    }
+    Ok(answer)
+}
+
+/// The verdict on the gain alone, whatever the structure of its weights.
+///
+/// # Errors
+/// [`InverseError`].
+pub fn decision(gains: &Gains, ctl: &Ctl) -> Result<Decision, InverseError> {
+    Ok(decide(gains, ctl)?)
+}
+
+/// The answer about a loop that is stable as a whole.
+fn answered(gains: &Gains, decision: Decision, settings: &Settings, ctl: &Ctl) -> Result<InverseLqr, InverseError> {
+    let structure = &settings.structure;
+    let (n, m) = (gains.states(), gains.ports());
+    // The dimension of the space where inputs do not depend on each other: at least this.
+    let least = (n.saturating_sub(m).pow(2) + n + m) / 2;
     let mut answer = InverseLqr {
-        verdict: Verdict::Infeasible,
+        verdict: decision.verdict,
+        decision,
+        is_within_pattern: structure.support().is_some(),
         t_star: None,
         t_star_scaled: None,
         t_star_upper_bound: None,
-        unknowns: space.len(),
+        unknowns: least,
         weights: None,
         conditioning: None,
         best_conditioned: false,
+        solved_by: None,
     };
-    if space.len() == 0 {
+    if structure.is_free() && least > CONDITION_UNKNOWNS {
+        // Too many unknowns for anything but the weights that prove the verdict.
+        answer.weights = match &answer.decision.weights {
+            Some((q, r)) => as_proven(gains, settings, q, r, ctl)?,
+            None => None,
+        };
         return Ok(answer);
     }
-    answer.t_star = margin(&space, &Units::uniform(&space, space.scale), ctl)?.filter(|m| m.solved).map(|m| m.t_star);
-    let Some(mut decisive) = margin(&space, &Units::uniform(&space, 1.0), ctl)? else { return Ok(answer) };
-    answer.t_star_scaled = Some(decisive.t_star);
-    // The sign of the margin does not depend on the units, its size does: where it decides nothing, other units may
-    // show it. First those of the states in which plant and gain are of one size, then those in which the weights found
-    // so far have a diagonal of ones.
-    if decisive.t_star.abs() <= CLEAR || !decisive.solved {
-        let (balanced, d) = balanced(gains);
-        if d.iter().any(|v| *v != 1.0) {
-            let other = Space::new(&balanced, &settings.structure)?.in_states(&d);
-            let found = if other.len() == 0 { None } else { margin(&other, &Units::of_states(&other, &d), ctl)? };
-            if let Some(found) =
-                found.filter(|m| m.solved && (m.t_star.abs() > decisive.t_star.abs() || !decisive.solved))
-            {
-                (space, decisive) = (other, found);
-                answer.unknowns = space.len();
-                answer.t_star_scaled = Some(decisive.t_star);
+    let (space, noise) =
+        if structure.is_free() { (Space::of(gains)?, 0.0) } else { Space::within(gains, structure, ctl)? };
+    answer.unknowns = space.len();
+    if space.len() == 0 {
+        answer.verdict = Verdict::Infeasible;
+        return Ok(answer);
+    }
+    let whole = answer.decision.verdict;
+    let is_small = space.len() <= MARGIN_UNKNOWNS;
+    let mut scaled = None;
+    if is_small || !structure.is_free() {
+        let own = margin(&space, &Units::uniform(&space, space.scale), ctl)?;
+        answer.t_star = own.filter(|m| m.solved && m.t_star.abs() <= LARGEST_MARGIN).map(|m| m.t_star);
+        scaled = margin(&space, &Units::uniform(&space, 1.0), ctl)?;
+        if let Some(found) = scaled.as_ref().filter(|m| m.t_star.abs() <= LARGEST_MARGIN) {
+            answer.t_star_scaled = Some(found.t_star);
+            answer.t_star_upper_bound = Some(found.upper_bound);
+        }
+    }
+    if whole == Verdict::Infeasible {
+        return Ok(answer);
+    }
+    if structure.is_free() {
+        match whole {
+            Verdict::Feasible => conditioned(gains, settings, &space, scaled, &mut answer, ctl)?,
+            _ => {
+                let found = match scaled {
+                    None if space.len() <= CONDITION_UNKNOWNS => margin(&space, &Units::uniform(&space, 1.0), ctl)?,
+                    found => found,
+                };
+                answer.weights = found.and_then(|found| boundary_weights(gains, settings, &space, &found));
             }
         }
+        return Ok(answer);
     }
-    let s2 = space.scale * space.scale;
-    for _ in 0..REBALANCES {
-        if decisive.t_star.abs() > CLEAR && decisive.solved {
-            break;
-        }
-        let (q, r) = space.at(&decisive.z);
-        let Some(other) = margin(&space, &Units::balancing(&space.weighed(&q), &r), ctl)? else { break };
-        if other.solved && (other.t_star.abs() > decisive.t_star.abs() || !decisive.solved) {
-            decisive = other;
-        } else {
-            break;
-        }
-    }
-    if !decisive.solved {
-        return Err(InverseError::Undecided { t_star: decisive.t_star, upper_bound: decisive.upper_bound });
-    }
-    answer.t_star_upper_bound = Some(decisive.upper_bound);
-    answer.verdict = verdict(decisive.t_star);
-    match answer.verdict {
+    let Some(found) = scaled else {
+        answer.verdict = Verdict::Infeasible;
+        return Ok(answer);
+    };
+    let (verdict, found) = within(&space, found, noise, ctl)?;
+    // A structure is never better than the whole, unless it leaves out what the whole cannot weigh.
+    answer.verdict = match (whole, verdict) {
+        (Verdict::Boundary, Verdict::Feasible) if !answer.is_within_pattern => Verdict::Boundary,
+        (_, verdict) => verdict,
+    };
+    match verdict {
         Verdict::Infeasible => {}
-        Verdict::Boundary => answer.weights = boundary_weights(gains, settings, &space, &decisive),
+        Verdict::Boundary => answer.weights = boundary_weights(gains, settings, &space, &found),
         Verdict::Feasible => {
-            let found = condition::best_conditioned(&space, &decisive.z, settings.structure.q_sign, ctl)?;
-            // The best conditioned weights; where rounding keeps those from returning the gain, the ones of the largest
-            // margin.
-            let mut closest = f64::INFINITY;
-            for (z, is_best) in [(&found.z, true), (&decisive.z, false)] {
-                let (q, r) = space.at(z);
-                let (mut q, mut r) = (symmetric(&(q * s2)), symmetric(&r));
-                if !is_best {
-                    let least = space.weighed(&q).symmetric_eigenvalues().min().min(r.symmetric_eigenvalues().min());
-                    q /= least;
-                    r /= least;
-                }
-                settings.structure.impose(&mut q, &mut r);
-                let (weights, error) = proven(gains, settings, q, r, ctl)?;
-                closest = closest.min(error);
-                if weights.is_some() {
-                    answer.weights = weights;
-                    answer.best_conditioned = is_best;
-                    break;
-                }
-            }
+            conditioned(gains, settings, &space, Some(found), &mut answer, ctl)?;
             if answer.weights.is_none() {
-                return Err(InverseError::Unproven { t_star: decisive.t_star, forward_error: closest });
+                answer.verdict = Verdict::Boundary;
             }
-            answer.conditioning = Some(Conditioning {
-                alpha: found.alpha,
-                alpha_lower_bound: found.lower_bound,
-                solution_dimension: found.face,
-                solution_width: found.width,
-            });
         }
     }
     Ok(answer)
+}
+
+/// The weights that prove the verdict, where inputs reach every state.
+fn as_proven(
+    gains: &Gains,
+    settings: &Settings,
+    q: &DMatrix<f64>,
+    r: &DMatrix<f64>,
+    ctl: &Ctl,
+) -> Result<Option<Weights>, Stopped> {
+    let Some(q) = gains.reach.state_weight(q) else { return Ok(None) };
+    let (q, r) = (symmetric(&q), symmetric(&gains.reach.input_weight(r)));
+    let least = q.symmetric_eigenvalues().min().min(r.symmetric_eigenvalues().min());
+    if least <= 0.0 {
+        return Ok(None);
+    }
+    proven(gains, settings, q / least, r / least, ctl)
+}
+
+/// The verdict within a structure: by the sign of the margin, in units in which it is large, against what the rounding
+/// of the data makes of it.
+fn within(space: &Space, first: Margin, noise: f64, ctl: &Ctl) -> Result<(Verdict, Margin), LmiError> {
+    let mut decisive = first;
+    let mut rounding = MARGIN_PRECISION.max(noise);
+    for _ in 0..REBALANCES {
+        if decisive.t_star.abs() > CLEAR.max(4.0 * rounding) && decisive.solved {
+            break;
+        }
+        let (q, r) = space.at(&decisive.z);
+        let units = Units::balancing(&space.weighed(&q), &r);
+        let largest = units.q.amax().max(units.r.amax()).powi(2);
+        let Some(other) = margin(space, &units, ctl)? else { break };
+        let moved = MARGIN_PRECISION.max(noise * largest);
+        let is_better = other.t_star.abs() / moved > decisive.t_star.abs() / rounding || !decisive.solved;
+        if !(other.solved && is_better) {
+            break;
+        }
+        (decisive, rounding) = (other, moved);
+    }
+    let verdict = if !decisive.solved {
+        Verdict::Boundary
+    } else if decisive.t_star > rounding {
+        Verdict::Feasible
+    } else if decisive.upper_bound < -rounding {
+        Verdict::Infeasible
+    } else {
+        Verdict::Boundary
+    };
+    Ok((verdict, decisive))
+}
+
+/// The best conditioned weights of a feasible gain; where rounding keeps those from returning the gain, the ones that
+/// proved it feasible, or those of the largest margin.
+fn conditioned(
+    gains: &Gains,
+    settings: &Settings,
+    space: &Space,
+    scaled: Option<Margin>,
+    answer: &mut InverseLqr,
+    ctl: &Ctl,
+) -> Result<(), InverseError> {
+    let s2 = space.scale * space.scale;
+    let is_definite = |z: &DVector<f64>| {
+        let (q, r) = space.at(z);
+        space.weighed(&q).cholesky().is_some() && r.cholesky().is_some()
+    };
+    let proven_by = answer.decision.weights.as_ref().filter(|_| settings.structure.is_free());
+    let known = proven_by.and_then(|(q, r)| {
+        let (q, r) = (gains.reach.state_weight(q)?, gains.reach.input_weight(r));
+        let z = space.coordinates(&(q / s2), &r);
+        is_definite(&z).then_some(z)
+    });
+    let mut starts: Vec<DVector<f64>> = known.into_iter().collect();
+    if starts.is_empty() || scaled.is_some() {
+        let found = match scaled {
+            Some(found) => Some(found),
+            None if space.len() <= CONDITION_UNKNOWNS => margin(space, &Units::uniform(space, 1.0), ctl)?,
+            None => None,
+        };
+        starts.extend(found.map(|found| found.z).filter(is_definite));
+    }
+    let mut candidates: Vec<(DVector<f64>, bool)> = Vec::new();
+    let mut found = None;
+    if let Some(start) = starts.first().filter(|_| space.len() <= CONDITION_UNKNOWNS) {
+        let best = condition::best_conditioned(space, start, settings, ctl)?;
+        candidates.push((best.z.clone(), true));
+        found = Some(best);
+    }
+    candidates.extend(starts.into_iter().map(|z| (z, false)));
+    for (z, is_best) in candidates {
+        let (q, r) = space.at(&z);
+        let (mut q, mut r) = (symmetric(&(q * s2)), symmetric(&r));
+        if !is_best {
+            let least = space.weighed(&q).symmetric_eigenvalues().min().min(r.symmetric_eigenvalues().min());
+            q /= least;
+            r /= least;
+        }
+        settings.structure.impose(&mut q, &mut r);
+        let weights = proven(gains, settings, q, r, ctl)?;
+        if weights.is_some() {
+            answer.weights = weights;
+            answer.best_conditioned = is_best;
+            break;
+        }
+    }
+    if let Some(found) = found {
+        answer.solved_by = Some(found.solved_by);
+        answer.conditioning = Some(Conditioning {
+            alpha: found.alpha,
+            alpha_lower_bound: found.lower_bound,
+            solution_dimension: found.face,
+            solution_width: found.width,
+        });
+    }
+    Ok(())
 }
 
 /// The weights with their proof, refined where that brings the gain nearer; none where the forward error stays too
@@ -247,12 +404,13 @@ fn proven(
     q: DMatrix<f64>,
     r: DMatrix<f64>,
     ctl: &Ctl,
-) -> Result<(Option<Weights>, f64), Stopped> {
+) -> Result<Option<Weights>, Stopped> {
     let error_of = |weights: &Option<Weights>| weights.as_ref().map_or(f64::INFINITY, |w| w.proof.forward_error);
     let attempt =
         |q: DMatrix<f64>, r: DMatrix<f64>| proof::prove(gains, &q, &r).ok().map(|proof| Weights { q, r, proof });
     let mut best = attempt(q.clone(), r.clone());
-    if error_of(&best) > REFINE {
+    let (n, m) = (gains.states(), gains.ports());
+    if error_of(&best) > REFINE && settings.structure.unknowns(n, m) <= REFINED_UNKNOWNS {
         let objective = Objective::new(gains, None);
         if let Some((q, r)) = refine(&objective, &settings.structure, &q, &r, ctl)? {
             let refined = attempt(q, r);
@@ -262,7 +420,7 @@ fn proven(
         }
     }
     let error = error_of(&best);
-    Ok((best.filter(|_| error <= FORWARD), error))
+    Ok(best.filter(|_| error <= FORWARD))
 }
 
 /// The weights of the largest margin, with eigenvalues of the wrong sign set to zero; only if they return the gain.

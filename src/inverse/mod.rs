@@ -1,9 +1,9 @@
 //! From gains to the costs for which they are optimal (Priess 2015, chapters 3 and 4).
 //!
 //! Given a plant (A, B) and a stabilising gain K of u = −Kx, [`lqr::inverse_lqr`] decides whether weights Q ≻ 0 and R ≻
-//! 0 exist for which K is the linear-quadratic regulator, names the best conditioned ones, and proves what it says: a
-//! feasible verdict by solving the forward problem, an infeasible one by a dual certificate. Where no weights exist,
-//! [`fit`] finds those whose regulator comes nearest. Filters are the dual case ([`estimator`]), and [`reading`] says
+//! 0 exist for which K is the linear-quadratic regulator, names the best conditioned ones, and proves what it says: by
+//! Kalman's inequality where there is one input, by a certificate for either side where there are several, and by
+//! solving the forward problem. Where no weights exist, [`fit`] finds those whose regulator comes nearest. Filters are the dual case ([`estimator`]), and [`reading`] says
 //! what the weights mean.
 //!
 //! The unknowns are (P, R). The equality `BᵀP = RK` (`BᵀPA = (BᵀPB + R)K` in sampled time) leaves a subspace of
@@ -17,14 +17,20 @@ pub mod estimator;
 pub mod fit;
 pub mod gains;
 pub mod lqr;
+mod margin;
 mod proof;
+mod reach;
 pub mod reading;
+mod rounding;
 mod space;
+mod staircase;
 mod structure;
 mod verdict;
 
-pub use gains::{Gains, GainsError, Role};
+pub use crate::convex::lmi::{SolvedBy, Solver};
+pub use gains::{Gains, GainsError, Knowledge, Role};
 pub use lqr::{InverseLqr, Settings, inverse_lqr};
 pub use proof::{Proof, ReturnDifference};
+pub use reach::Targets;
 pub use structure::{QSign, Structure, StructureError};
-pub use verdict::{UNDECIDED, Verdict};
+pub use verdict::{Decision, Evidence, Verdict};

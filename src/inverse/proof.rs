@@ -67,7 +67,8 @@ pub(super) fn prove(gains: &Gains, q: &DMatrix<f64>, r: &DMatrix<f64>) -> Result
     // From no knowledge of K; only where rounding defeats both methods is K itself the start, and the answer is then
     // still checked.
     let solution = equation.solve().or_else(|error| equation.finish(&gains.k).map_err(|_| error))?;
-    let size = gains.k.norm();
+    // A gain of zero is compared as it is.
+    let size = if gains.k.norm() > 0.0 { gains.k.norm() } else { 1.0 };
     let difference = |method: fn(&Riccati) -> Option<DMatrix<f64>>| {
         method(&equation).map(|p| (equation.gain(&p) - &solution.k).norm() / size).filter(|d| d.is_finite())
     };

@@ -90,6 +90,15 @@ pub enum StructureError {
         /// Its rows and columns.
         order: usize,
     },
+    /// A pattern of Q beside set points that no input reaches.
+    #[error(
+        "the pattern of Q ({order}x{order}) cannot be kept: the plant has targets that no input reaches, and Q weighs \
+         the distances of the other states from their set points"
+    )]
+    Targets {
+        /// Its rows and columns.
+        order: usize,
+    },
     /// Both a fixed R and a pattern of R.
     #[error("the fixed R and a pattern of R are given together")]
     Both,
@@ -180,37 +189,16 @@ impl Structure {
         Ok(())
     }
 
-    /// Unit directions in (Q, R) along which structured weights may not move, as pairs of symmetric matrices.
-    pub(super) fn forbidden(&self, n: usize, m: usize) -> Vec<(DMatrix<f64>, DMatrix<f64>)> {
-        let mut all = Vec::new();
-        let fixed = self.fixed();
-        let unit = |order: usize, i: usize, j: usize| {
-            let mut e = DMatrix::zeros(order, order);
-            let size = if i == j { 1.0 } else { 0.5_f64.sqrt() };
-            e[(i, j)] = size;
-            e[(j, i)] = size;
-            e
+    /// The number of unknowns of the structured (Q, R).
+    pub(super) fn unknowns(&self, n: usize, m: usize) -> usize {
+        let pairs = |order: usize, allows: &dyn Fn(usize, usize) -> bool| {
+            (0..order).map(|j| (0..=j).filter(|i| allows(*i, j)).count()).sum::<usize>()
         };
-        for j in 0..n {
-            for i in 0..=j {
-                if !self.allows(i, j) {
-                    all.push((unit(n, i, j), DMatrix::zeros(m, m)));
-                }
-            }
-        }
-        for j in 0..m {
-            for i in 0..=j {
-                if self.r_pattern.as_ref().is_some_and(|p| !p[(i, j)]) {
-                    all.push((DMatrix::zeros(n, n), unit(m, i, j)));
-                } else if let Some(r) = &fixed {
-                    // Orthogonal to the fixed R: not unit any more, which does not matter.
-                    let e = unit(m, i, j);
-                    let rest = &e - r * (e.dot(r) / r.norm_squared());
-                    all.push((DMatrix::zeros(n, n), rest));
-                }
-            }
-        }
-        all
+        let r = match (&self.r, &self.r_pattern) {
+            (Some(_), _) => 1,
+            (None, pattern) => pairs(m, &|i, j| pattern.as_ref().is_none_or(|p| p[(i, j)])),
+        };
+        pairs(n, &|i, j| self.allows(i, j)) + r
     }
 
     /// A basis of the structured (Q, R), as pairs of symmetric matrices.

@@ -2,12 +2,14 @@
 //!
 //! Nothing here knows about control theory, files, clocks or threads.
 
+pub(crate) mod characteristic;
 pub mod distributions;
 pub mod dual;
 pub mod expression;
 pub mod fourier;
 pub(crate) mod hermite;
 pub mod hexadecimal;
+pub(crate) mod integer_polynomial;
 pub mod least_squares;
 pub mod linalg;
 pub(crate) mod newton;

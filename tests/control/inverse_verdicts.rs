@@ -21,7 +21,7 @@ fn rows(rows: usize, columns: usize, entries: &[f64]) -> DMatrix<f64> {
 }
 
 fn ask(gains: &Gains, structure: Structure) -> InverseLqr {
-    inverse_lqr(gains, &Settings { structure }, &Ctl::new()).unwrap()
+    inverse_lqr(gains, &Settings { structure, ..Settings::default() }, &Ctl::new()).unwrap()
 }
 
 /// 220 gains of two to four inputs, 52 of them with |t*| < 1e-3 and 20 with |t*| < 1e-5, the smallest 3.7e-7.

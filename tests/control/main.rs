@@ -1,6 +1,10 @@
 //! Linear systems, matrix equations, convex programs, plants; optimal control and its inverse.
 #![allow(clippy::unwrap_used, missing_docs, unreachable_pub)]
 
+#[path = "../support/boundary_gains.rs"]
+mod boundary_gains;
+#[path = "../support/exact.rs"]
+mod exact;
 #[path = "../support/inverse_plants.rs"]
 mod inverse_plants;
 #[path = "../support/property.rs"]
@@ -11,6 +15,7 @@ mod virtual_subjects;
 mod box_programs;
 mod convex;
 mod inverse;
+mod inverse_boundary;
 mod inverse_random;
 mod inverse_verdicts;
 mod lti;

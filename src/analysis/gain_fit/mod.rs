@@ -68,7 +68,7 @@ impl Analysis for Plan {
         and of the person's delay and muscle, from one noisy trial or several by maximum likelihood, with intervals \
         and a test of the residuals; if wanted the gain of the person's filter too. It then says how surely the gain \
         is optimal for a quadratic cost, and for which (Priess 2015, sections 3.5, 5.2 and 6.3).";
-    const RESULT_VERSION: u32 = 1;
+    const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = GainFitInputs;

@@ -67,7 +67,7 @@ pub enum OptimalityVerdict {
     Feasible,
     /// It is not, for any weights.
     Infeasible,
-    /// Working precision does not decide.
+    /// The boundary is nearer than the digits of the data.
     Boundary,
     /// The question has no sense there, or found no answer.
     None,
@@ -81,8 +81,13 @@ pub struct OptimalityResult {
     pub verdict: OptimalityVerdict,
     /// Why there is no verdict; null where there is one.
     pub reason: Option<String>,
-    /// `max t` as in `inverse_lqr`, scaled and so dimensionless; null where there is no verdict, or the structure
-    /// leaves nothing.
+    /// ‖ΔK‖/‖K‖ up to the boundary as in `inverse_lqr`, dimensionless; null where there is no verdict, or no certificate.
+    pub relative_change: Option<f64>,
+    /// c* as in `inverse_lqr`, dimensionless: the factor on the whole gain at which it becomes optimal; null where no
+    /// factor helps, and with several controls.
+    pub c_star: Option<f64>,
+    /// `max t` as in `inverse_lqr`, scaled and so dimensionless, which decides nothing; null where there is no verdict,
+    /// or the structure leaves nothing.
     pub t_star_scaled: Option<f64>,
     /// Dimension of the space of weights that satisfy the equalities, null where there is no verdict; above 1 the gain
     /// leaves the cost open, and the best conditioned is given.
@@ -158,6 +163,8 @@ pub(super) fn ask(question: &Question<'_>, spec: &OptimalitySpec, ctl: &Ctl) -> 
     let mut result = OptimalityResult {
         verdict: OptimalityVerdict::None,
         reason: None,
+        relative_change: None,
+        c_star: None,
         t_star_scaled: None,
         unknowns: None,
         draws: 0,
@@ -176,7 +183,7 @@ pub(super) fn ask(question: &Question<'_>, spec: &OptimalitySpec, ctl: &Ctl) -> 
         result.reason = Some("the plant is not defined at the estimate".to_owned());
         return Ok(result);
     };
-    let settings = Settings { structure: spec.structure(a.nrows(), b.ncols())? };
+    let settings = Settings { structure: spec.structure(a.nrows(), b.ncols())?, ..Settings::default() };
     let gains = match Gains::regulator(&a, &b, &k, question.clock) {
         Ok(gains) => gains,
         Err(error) => {
@@ -190,6 +197,8 @@ pub(super) fn ask(question: &Question<'_>, spec: &OptimalitySpec, ctl: &Ctl) -> 
             result.verdict = answer.verdict.into();
             result.t_star_scaled = answer.t_star_scaled;
             result.unknowns = Some(answer.unknowns);
+            result.relative_change = answer.decision.relative_change.filter(|v| v.is_finite());
+            result.c_star = answer.decision.factor;
             estimate = answer.weights.filter(|_| accepted(answer.verdict, &settings)).map(|w| (w.q, w.r));
         }
         Err(InverseError::Stopped(stopped)) => return Err(stopped.into()),

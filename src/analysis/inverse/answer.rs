@@ -1,19 +1,20 @@
 //! The answer to the question about one half.
 
+use super::doubts::{within_digits, would_pass_as_filter};
 use super::findings::Findings;
 use super::half::Half;
 use super::problems;
 use super::regulator::InverseLqrResult;
 use super::spec::{CheckedSpec, DescentSpec, DescentStart};
-use super::warnings::{descent_broke_off, warn};
+use super::warnings::{Doubts, descent_broke_off, fit_left_out, warn};
 use crate::analysis::contract::Failure;
 use crate::analysis::report::Warning;
 use crate::convex::lmi::LmiError;
 use crate::ctl::Ctl;
 use crate::inverse::fit::{
-    CrossTerm, Descent, DescentError, DescentSettings, Objective, descent, fit, smallest_cross_term,
+    CROSS_TERM, CrossTerm, Descent, DescentError, DescentSettings, Objective, descent, fit, fits, smallest_cross_term,
 };
-use crate::inverse::{Gains, Settings, inverse_lqr};
+use crate::inverse::{Gains, inverse_lqr};
 use nalgebra::DMatrix;
 
 /// Answers with the letters of a regulator: a filter's are those of its dual.
@@ -29,14 +30,21 @@ pub(in crate::analysis) fn answer(
     ctl: &Ctl,
 ) -> Result<InverseLqrResult, Failure> {
     let gains = &half.gains;
-    let settings = Settings { structure: spec.structure.clone() };
+    let settings = spec.settings();
     let answer = inverse_lqr(gains, &settings, ctl).map_err(|error| problems::inverse(&error))?;
     ctl.advance(1);
     let mut findings = Findings { answer, fitted: None, cross_term: None, descent: None };
-    if let Some(written) = spec.used.fit.as_ref().filter(|_| findings.answer.weights.is_none()) {
+    let doubts = Doubts {
+        within_digits: within_digits(half, &findings.answer, ctl)?,
+        would_pass_as_filter: would_pass_as_filter(half, &findings.answer, ctl)?,
+    };
+    let wanted = spec.used.fit.as_ref().filter(|_| findings.answer.weights.is_none());
+    if wanted.is_some() && !fits(gains, &settings.structure) {
+        warnings.push(fit_left_out(gains));
+    } else if let Some(written) = wanted {
         let found = fit(gains, &spec.fit_settings(written), ctl).map_err(|error| problems::fit(&error))?;
         findings.fitted = Some(found);
-        if settings.structure.is_free() {
+        if settings.structure.is_free() && gains.states() + gains.ports() <= CROSS_TERM {
             findings.cross_term = smallest_cross_term(gains, ctl).map(Some).or_else(|error| match error {
                 LmiError::Stopped(stopped) => Err(Failure::Stopped(stopped)),
                 LmiError::Infeasible { .. } => Ok(None),
@@ -47,7 +55,7 @@ pub(in crate::analysis) fn answer(
         }
     }
     ctl.advance(1);
-    warn(gains, &findings.answer, findings.fitted.as_ref(), warnings);
+    warn(gains, &findings.answer, findings.fitted.as_ref(), &doubts, warnings);
     Ok(InverseLqrResult::new(half, &findings))
 }
 

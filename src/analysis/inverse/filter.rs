@@ -1,5 +1,6 @@
 //! The result about a filter: that of its dual regulator with the letters and shapes of a filter.
 
+use super::evidence::{EvidenceResult, SolvedByName, UnreachedResult};
 use super::parts::{AxisResult, ComparisonResult, FitPointResult, ProofResult, Rows, Verdict};
 use super::regulator::{CostDescent, CostFit, CostReading, CostWithCrossTerm, InverseLqrResult};
 use schemars::JsonSchema;
@@ -60,10 +61,14 @@ pub struct NoiseFit {
     /// The condition number of blkdiag(W, V) there, dimensionless; null where rounding leaves no least eigenvalue.
     pub unbounded_condition_number: Option<f64>,
     /// The smallest `‖S‖_F` of correlated noises with `E wvᵀ = S` and V ⪰ I for which the gain is optimal, in the unit
-    /// of S; null with a structure.
+    /// of S; null with a structure, and beyond 20 states and outputs together.
     pub smallest_cross_term: Option<f64>,
     /// Those noises; null with a structure.
     pub cross_term: Option<NoiseWithCrossTerm>,
+    /// Evaluations of the filter that the fit took.
+    pub evaluations: usize,
+    /// Evaluations that it was allowed.
+    pub evaluations_allowed: usize,
     /// The gradient descent of Priess 2015, where it was asked for.
     pub descent: Option<NoiseDescent>,
 }
@@ -103,18 +108,38 @@ pub struct NoiseDescent {
 /// Whether noises exist for which the gain is optimal, and which.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct InverseLqeResult {
-    /// Whether noises exist.
+    /// Whether noises exist, within the structure that was asked for.
     pub verdict: Verdict,
-    /// `max t` with `W ⪰ tI`, `V ⪰ tI`, `tr W + tr V = n + p`, in the units of the plant: positive where noises exist.
-    /// Null where none have a positive trace, or their sizes differ too much in those units.
+    /// Whether that structure leaves states out of W. A feasible verdict then means noises that are definite on the
+    /// others, which for the whole are on the boundary.
+    pub within_pattern: bool,
+    /// The verdict without a structure, what it rests on, and by how much, with A, B and K those of the dual: Aᵀ, Cᵀ, Lᵀ.
+    /// Where that is infeasible every structure is.
+    pub evidence: EvidenceResult,
+    /// ‖ΔL‖/‖L‖ up to the boundary, dimensionless, in units in which plant and gain are of one size. With one output to
+    /// first order (where infeasible a lower bound of it), with several a lower bound, up to which the certificate
+    /// holds. Null without a certificate.
+    pub relative_change: Option<f64>,
+    /// c*: the factor on the whole gain at which it becomes optimal, dimensionless; null where no factor helps, and with
+    /// several outputs.
+    pub c_star: Option<f64>,
+    /// Whether the verdict carries no information: in sampled time with a singular A and one output every stable
+    /// filter whose gain vanishes on the kernel of Aᵀ is optimal for some W.
+    pub uninformative: bool,
+    /// Modes that no output sees; null where outputs see every state.
+    pub unreached: Option<UnreachedResult>,
+    /// `max t` with `W ⪰ tI`, `V ⪰ tI`, `tr W + tr V = n + p` (Priess 2015), in the units of the plant. It is no
+    /// distance and decides nothing: it is 0 for many gains that no V ≻ 0 makes optimal, since V may become singular.
+    /// Null where no noises have a positive trace, and beyond 64 unknowns without a structure.
     pub t_star: Option<f64>,
     /// The same in units in which W and V are of one size, dimensionless.
     pub t_star_scaled: Option<f64>,
-    /// No larger margin exists, by the dual certificate, in the units that decided.
+    /// No larger `t_star_scaled` exists, by the dual; dimensionless.
     pub t_star_upper_bound: Option<f64>,
     /// Dimension of the space of noises that satisfy the equalities.
     pub unknowns: usize,
-    /// The least condition number of blkdiag(W, V), dimensionless; null without definite noises.
+    /// The least condition number of blkdiag(W, V), dimensionless; null without definite noises, and beyond 600
+    /// unknowns.
     pub alpha: Option<f64>,
     /// No smaller one exists, by the dual; dimensionless.
     pub alpha_lower_bound: Option<f64>,
@@ -123,6 +148,8 @@ pub struct InverseLqeResult {
     /// Largest range of a diagonal entry within that set, as a share of the entry, dimensionless; null where its
     /// dimension is too high for that to be measured.
     pub solution_width: Option<f64>,
+    /// Who solved the matrix inequality of the least condition number; null where it was not solved.
+    pub solved_by: Option<SolvedByName>,
     /// W, n×n, in units of a noise of the states: intensity in continuous time, covariance in sampled time; null where
     /// none exist.
     pub w: Option<Rows>,
@@ -153,6 +180,13 @@ impl From<InverseLqrResult> for InverseLqeResult {
     fn from(dual: InverseLqrResult) -> Self {
         Self {
             verdict: dual.verdict,
+            within_pattern: dual.within_pattern,
+            evidence: dual.evidence,
+            relative_change: dual.relative_change,
+            c_star: dual.c_star,
+            uninformative: dual.uninformative,
+            unreached: dual.unreached,
+            solved_by: dual.solved_by,
             t_star: dual.t_star,
             t_star_scaled: dual.t_star_scaled,
             t_star_upper_bound: dual.t_star_upper_bound,
@@ -206,6 +240,8 @@ impl From<CostFit> for NoiseFit {
             unbounded_condition_number: dual.unbounded_condition_number,
             smallest_cross_term: dual.smallest_cross_term,
             cross_term: dual.cross_term.map(|CostWithCrossTerm { q, r, s }| NoiseWithCrossTerm { w: q, v: r, s }),
+            evaluations: dual.evaluations,
+            evaluations_allowed: dual.evaluations_allowed,
             descent: dual.descent.map(|descent| {
                 let CostDescent { q, r, k, first_residual, residual, rejected_q, rejected_r } = descent;
                 NoiseDescent { w: q, v: r, l: transposed(&k), first_residual, residual, rejected_q, rejected_r }

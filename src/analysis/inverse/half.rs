@@ -1,13 +1,14 @@
 //! The question about one half of a controller, checked: its gain, and what the answer is read with.
 
 use super::problems;
+use super::spec::{Form, InverseSpec};
 use super::written::{Trajectory, WrittenMatrix};
 use crate::analysis::problem::Problem;
-use crate::analysis::reading::wrong_inputs as wrong;
+use crate::analysis::reading::{wrong_inputs as wrong, wrong_spec};
 use crate::control::lyapunov::Clock;
 use crate::control::riccati::SYMMETRY;
-use crate::inverse::Gains;
 use crate::inverse::gains::LARGEST_ENTRY;
+use crate::inverse::{Gains, GainsError, Knowledge};
 use crate::num::linalg::symmetric;
 use nalgebra::DMatrix;
 
@@ -66,6 +67,10 @@ pub(in crate::analysis) struct Half {
     pub trajectory: Option<Pair>,
     /// Other weights on states and ports.
     pub other: Option<Pair>,
+    /// A, the input (of a filter: output) matrix and the gain as written, and how far the gain is known.
+    pub written: [DMatrix<f64>; 3],
+    pub knowledge: Knowledge,
+    pub form: Form,
 }
 
 fn clock(sample_time_s: Option<f64>) -> Clock {
@@ -73,29 +78,57 @@ fn clock(sample_time_s: Option<f64>) -> Clock {
 }
 
 impl Half {
-    /// About K of `u = −Kx`, from A, B and K.
+    /// About K of `u = −Kx`, from A, B and K; `at` is the pointer of the spec.
     pub(in crate::analysis) fn regulator(
-        [a, b, k]: [&WrittenMatrix; 3],
+        written: [&WrittenMatrix; 3],
         sample_time_s: Option<f64>,
         labels: [WrittenLabels; 2],
+        (spec, at): (&InverseSpec, &str),
     ) -> Result<Self, Problem> {
-        let gains = Gains::regulator(&a.dense(), &b.dense(), &k.dense(), clock(sample_time_s));
-        Self::new(gains.map_err(|error| problems::gains(&error))?, sample_time_s, labels)
+        let [a, b, k] = written.map(WrittenMatrix::dense);
+        if spec.form == Form::Filter {
+            let detail = "a regulator's gain has no form; it is for the gain of a sampled filter";
+            return Err(wrong_spec(detail, format!("{at}/form")));
+        }
+        let knowledge = spec.knowledge(k.shape(), at)?;
+        let gains = Gains::regulator_with(&a, &b, &k, clock(sample_time_s), &knowledge);
+        Self::new(gains, [a, b, k], sample_time_s, labels, (spec, knowledge, at))
     }
 
-    /// About L of a filter, from A, C and L.
+    /// About L of a filter, from A, C and L; `at` is the pointer of the spec.
     pub(in crate::analysis) fn filter(
-        [a, c, l]: [&WrittenMatrix; 3],
+        written: [&WrittenMatrix; 3],
         sample_time_s: Option<f64>,
         labels: [WrittenLabels; 2],
+        (spec, at): (&InverseSpec, &str),
     ) -> Result<Self, Problem> {
-        let gains = Gains::filter(&a.dense(), &c.dense(), &l.dense(), clock(sample_time_s));
-        Self::new(gains.map_err(|error| problems::gains(&error))?, sample_time_s, labels)
+        let [a, c, mut l] = written.map(WrittenMatrix::dense);
+        let mut knowledge = spec.knowledge(l.shape(), at)?;
+        if spec.form == Form::Filter {
+            if sample_time_s.is_none() {
+                let detail = "a filter in continuous time has one gain; the form is for sampled time";
+                return Err(wrong_spec(detail, format!("{at}/form")));
+            }
+            if a.is_square() && a.ncols() == l.nrows() {
+                knowledge.gain_rounding = knowledge.gain_rounding.map(|rounding| a.abs() * rounding);
+                l = &a * l;
+            }
+        }
+        let gains = Gains::filter_with(&a, &c, &l, clock(sample_time_s), &knowledge);
+        Self::new(gains, [a, c, l], sample_time_s, labels, (spec, knowledge, at))
     }
 
-    fn new(gains: Gains, sample_time_s: Option<f64>, [states, ports]: [WrittenLabels; 2]) -> Result<Self, Problem> {
+    fn new(
+        gains: Result<Gains, GainsError>,
+        written: [DMatrix<f64>; 3],
+        sample_time_s: Option<f64>,
+        [states, ports]: [WrittenLabels; 2],
+        (spec, knowledge, at): (&InverseSpec, Knowledge, &str),
+    ) -> Result<Self, Problem> {
+        let gains = gains.map_err(|error| problems::gains(&error, at))?;
         let (states, ports) = (states.checked(gains.states())?, ports.checked(gains.ports())?);
-        Ok(Self { gains, sample_time_s, states, ports, trajectory: None, other: None })
+        let form = spec.form;
+        Ok(Self { gains, sample_time_s, states, ports, trajectory: None, other: None, written, knowledge, form })
     }
 
     /// Shares the cost out along a trajectory.

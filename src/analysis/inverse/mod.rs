@@ -5,6 +5,8 @@
 //! verdict is a result: it comes with its certificate, and with the weights whose gain comes nearest.
 
 pub(in crate::analysis) mod answer;
+mod doubts;
+mod evidence;
 pub mod filter;
 mod findings;
 pub(in crate::analysis) mod half;

@@ -19,11 +19,12 @@ pub type Rows = Vec<Vec<f64>>;
 #[serde(rename_all = "snake_case")]
 #[schemars(rename = "InverseVerdict")]
 pub enum Verdict {
-    /// Weights exist that are definite, Q on the states that the structure lets it weigh.
+    /// Weights exist that are definite (Q on the states that the structure lets it weigh), for some data within the
+    /// rounding of those given, and by a margin above it.
     Feasible,
-    /// The margin is zero to working precision: singular weights may exist.
+    /// Neither is proven: the boundary is nearer than the digits of the data, and singular weights may exist.
     Boundary,
-    /// None exist, not even semidefinite ones with a margin to spare.
+    /// None exist for any data within the rounding, not even a semidefinite Q.
     Infeasible,
 }
 

@@ -8,7 +8,8 @@ use crate::inverse::fit::FitError;
 use crate::inverse::lqr::InverseError;
 
 /// A question that has no answer: the matrix, its size and the reason.
-pub(in crate::analysis) fn gains(error: &GainsError) -> Problem {
+/// `spec` is the pointer of the spec of the half.
+pub(in crate::analysis) fn gains(error: &GainsError, spec: &str) -> Problem {
     let new = |code, title: &str| {
         Problem::new(code, title, error.to_string()).at(format!("/inputs/{}", error.matrix().to_lowercase()))
     };
@@ -22,11 +23,20 @@ pub(in crate::analysis) fn gains(error: &GainsError) -> Problem {
         GainsError::Entry { .. } => {
             new(Code::Invalid, "unusable entry").mend("Choose units in which the numbers are of moderate size.")
         }
-        GainsError::ZeroGain { .. } => new(Code::Invalid, "zero gain"),
         GainsError::UnstableLoop { .. } => new(Code::Invalid, "unstable closed loop")
             .mend("Only a gain that stabilises the plant can be optimal: check its sign (u = −Kx) and the plant."),
-        GainsError::Unreachable { .. } => {
-            new(Code::Invalid, "uncontrollable or unobservable mode").mend("Leave out the states concerned.")
+        GainsError::MarginalLoop { .. } => new(Code::Invalid, "closed loop stable only within rounding").mend(
+            "No verdict on such a loop means anything: print the gain with all its digits, or choose units in which \
+             plant and gain are of similar size.",
+        ),
+        GainsError::Unreachable { .. } => new(Code::Invalid, "nothing to control or to observe"),
+        GainsError::EndlessCost { .. } => new(Code::Invalid, "infinite cost of a set point").mend(
+            "A target that lasts must be held at no cost: KV = 0 over its set point V. Give a discount, leave out the \
+             states concerned, or check the part of the gain that answers them.",
+        ),
+        GainsError::Knowledge(_) => {
+            let place = if error.to_string().contains("rounding") { "gain_rounding" } else { "discount" };
+            Problem::new(Code::Invalid, "unusable spec", error.to_string()).at(format!("{spec}/{place}"))
         }
         GainsError::NoConvergence(_) => new(Code::Numerical, "no eigenvalues"),
     }
@@ -36,13 +46,12 @@ pub(super) fn inverse(error: &InverseError) -> Failure {
     match error {
         InverseError::Stopped(stopped) => Failure::Stopped(*stopped),
         InverseError::Structure(e) => structure_problem(e, "/spec").into(),
-        InverseError::NoConvergence(_)
-        | InverseError::Unproven { .. }
-        | InverseError::Undecided { .. }
-        | InverseError::NoStart => Problem::new(Code::Numerical, "beyond working precision", error.to_string())
-            .at("/inputs")
-            .mend("Choose units in which states and inputs are of similar size.")
-            .into(),
+        InverseError::NoConvergence(_) | InverseError::Linear(_) | InverseError::NoStart => {
+            Problem::new(Code::Numerical, "beyond working precision", error.to_string())
+                .at("/inputs")
+                .mend("Choose units in which states and inputs are of similar size.")
+                .into()
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! The result about a regulator.
 
+use super::evidence::{EvidenceResult, SolvedByName, UnreachedResult, evidence, unreached};
 use super::findings::Findings;
 use super::half::Half;
 use super::parts::{
@@ -71,10 +72,14 @@ pub struct CostFit {
     /// The condition number of blkdiag(Q, R) there, dimensionless; null where rounding leaves no least eigenvalue.
     pub unbounded_condition_number: Option<f64>,
     /// The smallest `‖S‖_F` of a cost with a cross term 2xᵀSu and R ⪰ I for which the gain is optimal (Priess 2015, eq.
-    /// (3.20)), in the unit of S; null with a structure.
+    /// (3.20)), in the unit of S; null with a structure, and beyond 20 states and inputs together.
     pub smallest_cross_term: Option<f64>,
     /// The weights of that cost; null with a structure.
     pub cross_term: Option<CostWithCrossTerm>,
+    /// Evaluations of the regulator that the fit took.
+    pub evaluations: usize,
+    /// Evaluations that it was allowed.
+    pub evaluations_allowed: usize,
     /// The gradient descent of Priess 2015, where it was asked for.
     pub descent: Option<CostDescent>,
 }
@@ -114,18 +119,38 @@ pub struct CostDescent {
 /// Whether a cost exists for which the gain is optimal, and which.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct InverseLqrResult {
-    /// Whether weights exist.
+    /// Whether weights exist, within the structure that was asked for.
     pub verdict: Verdict,
-    /// `max t` with `Q ⪰ tI`, `R ⪰ tI`, `tr Q + tr R = n + m`, in the units of the plant: positive where weights exist.
-    /// Null where no weights have a positive trace, or their sizes differ too much in those units.
+    /// Whether that structure leaves states out of Q. A feasible verdict then means weights that are definite on the
+    /// others, which for the whole are on the boundary.
+    pub within_pattern: bool,
+    /// The verdict without a structure, what it rests on, and by how much. Where that is infeasible every structure is.
+    pub evidence: EvidenceResult,
+    /// ‖ΔK‖/‖K‖ up to the boundary, dimensionless, in units in which plant and gain are of one size. With one input to
+    /// first order (where infeasible a lower bound of it), with several a lower bound, up to which the certificate
+    /// holds. Null without a certificate.
+    pub relative_change: Option<f64>,
+    /// c*: the factor on the whole gain at which it becomes optimal, dimensionless, whatever the units; below 1 where it
+    /// is. Null where no factor helps, and with several inputs. It never replaces `relative_change`: a gain on the
+    /// boundary may have any c* up to 1.
+    pub c_star: Option<f64>,
+    /// Whether the verdict carries no information: in sampled time with a singular A and one input every stabilising
+    /// gain that vanishes on the kernel of A is optimal for some Q.
+    pub uninformative: bool,
+    /// Modes that no input reaches; null where inputs reach every state.
+    pub unreached: Option<UnreachedResult>,
+    /// `max t` with `Q ⪰ tI`, `R ⪰ tI`, `tr Q + tr R = n + m` (Priess 2015), in the units of the plant. It is no
+    /// distance and decides nothing: it is 0 for many gains that no R ≻ 0 makes optimal, since R may become singular.
+    /// Null where no weights have a positive trace, and beyond 64 unknowns without a structure.
     pub t_star: Option<f64>,
     /// The same in units in which Q and R are of one size, dimensionless.
     pub t_star_scaled: Option<f64>,
-    /// No larger margin exists, by the dual certificate, in the units that decided.
+    /// No larger `t_star_scaled` exists, by the dual; dimensionless.
     pub t_star_upper_bound: Option<f64>,
     /// Dimension of the space of weights that satisfy the equalities.
     pub unknowns: usize,
-    /// The least condition number of blkdiag(Q, R), dimensionless; null without definite weights.
+    /// The least condition number of blkdiag(Q, R), dimensionless; null without definite weights, and beyond 600
+    /// unknowns.
     pub alpha: Option<f64>,
     /// No smaller one exists, by the dual; dimensionless.
     pub alpha_lower_bound: Option<f64>,
@@ -134,6 +159,8 @@ pub struct InverseLqrResult {
     /// Largest range of a diagonal weight within that set, as a share of the weight, dimensionless; null where its
     /// dimension is too high for that to be measured.
     pub solution_width: Option<f64>,
+    /// Who solved the matrix inequality of the least condition number; null where it was not solved.
+    pub solved_by: Option<SolvedByName>,
     /// Q, n×n, in units of cost over those of the states; null without weights.
     pub q: Option<Rows>,
     /// R, m×m, in units of cost over those of the inputs.
@@ -165,6 +192,13 @@ impl InverseLqrResult {
         };
         Self {
             verdict: answer.verdict.into(),
+            within_pattern: answer.is_within_pattern,
+            evidence: evidence(half, answer),
+            relative_change: answer.decision.relative_change.filter(|v| v.is_finite()),
+            c_star: answer.decision.factor,
+            uninformative: answer.decision.is_uninformative,
+            unreached: unreached(half),
+            solved_by: answer.solved_by.map(SolvedByName::from),
             t_star: answer.t_star,
             t_star_scaled: answer.t_star_scaled,
             t_star_upper_bound: answer.t_star_upper_bound,
@@ -203,6 +237,8 @@ impl CostFit {
                 r: rows(&found.r),
                 s: rows(&found.s),
             }),
+            evaluations: fit.evaluations,
+            evaluations_allowed: fit.allowed,
             descent: findings.descent.as_ref().map(|found| CostDescent {
                 q: rows(&found.q),
                 r: rows(&found.r),

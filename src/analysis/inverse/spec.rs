@@ -6,7 +6,7 @@ use crate::analysis::inputs::matrix::dense;
 use crate::analysis::problem::Problem;
 use crate::analysis::reading::{self, wrong_spec as wrong};
 use crate::inverse::fit::FitSettings;
-use crate::inverse::{Gains, Structure};
+use crate::inverse::{Gains, Knowledge, Settings, Solver, Structure};
 use nalgebra::DMatrix;
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
@@ -17,6 +17,8 @@ use serde_json::Value;
 const MAX_POINTS: usize = 20;
 /// Steps of a descent at most.
 const MAX_STEPS: usize = 100_000;
+/// Evaluations of a fit at most.
+const MAX_EVALUATIONS: usize = 1_000_000;
 /// Random starts of a fit at most.
 const MAX_STARTS: usize = 100;
 
@@ -32,6 +34,10 @@ pub struct FitSpec {
     pub random_starts: usize,
     /// Seed of the random starts. Default: 1.
     pub seed: u64,
+    /// Evaluations of the regulator at most, 1 to 1,000,000; a fit that reaches them ends where it is. Default: by the
+    /// size of the problem, some 2 s of one core.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub evaluations: Option<usize>,
     /// Covariance of the gain's entries in their squared units, column by column, mn×mn, positive definite; of a filter
     /// those of Lᵀ. The fit then weights by its inverse. Default: none, all entries alike.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -72,6 +78,7 @@ impl Default for FitSpec {
             condition_numbers: settings.condition_numbers,
             random_starts: settings.random_starts,
             seed: settings.seed,
+            evaluations: None,
             gain_covariance: None,
             descent: None,
         }
@@ -88,8 +95,99 @@ pub struct InverseSpec {
     pub port_weight: PortWeight,
     /// Whether Q (W) may be singular; a boundary verdict with proven weights then answers the question. Default: false.
     pub semidefinite: bool,
+    /// Who solves the matrix inequalities (3.12) and (3.13) of Priess 2015: `auto`, `clarabel` or `interior_point`. The
+    /// verdict rests on neither. Default: auto.
+    pub solver: SolverName,
+    /// Half a unit of the last digit of the gain, absolute, in the unit of its entries: one number for all entries, or
+    /// a matrix of the gain's shape. Default: none, the entries are as exact as their doubles.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gain_rounding: Option<GainRounding>,
+    /// A discount of the cost: the factor γ < 1 of each sample, dimensionless, or in continuous time the rate ρ > 0 of
+    /// `e^(−ρt)`, in 1/s. The weights are those of the discounted cost. Default: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub discount: Option<f64>,
+    /// Which gain of a sampled filter L is: `predictor` of `x̂⁺ = Ax̂ + L(y − Cx̂)`, or `filter` of the corrected
+    /// estimate `x̂ + L(y − Cx̂)`, whose predictor's gain is AL. Default: predictor.
+    #[serde(skip_serializing_if = "Form::is_predictor")]
+    pub form: Form,
     /// The fit where no weights exist; null for none. Default: a fit with its defaults.
     pub fit: Option<FitSpec>,
+}
+
+/// Who solves the matrix inequalities.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(rename = "InverseSolver")]
+pub enum SolverName {
+    /// clarabel where it is as quick, the built-in method where it is not, or where clarabel's answer fails its check.
+    #[default]
+    Auto,
+    /// clarabel, for up to 160 unknowns; the built-in method where its answer fails its check.
+    Clarabel,
+    /// The built-in primal-dual method.
+    InteriorPoint,
+}
+
+impl From<SolverName> for Solver {
+    fn from(name: SolverName) -> Self {
+        match name {
+            SolverName::Auto => Self::Auto,
+            SolverName::Clarabel => Self::Clarabel,
+            SolverName::InteriorPoint => Self::InteriorPoint,
+        }
+    }
+}
+
+/// How far the entries of a gain are known.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+#[schemars(rename = "InverseGainRounding")]
+pub enum GainRounding {
+    /// All entries alike, in their units.
+    #[schemars(title = "Number")]
+    All(f64),
+    /// Entry by entry, in the shape of the gain and its units.
+    #[schemars(title = "Matrix")]
+    Entries(Vec<Vec<f64>>),
+}
+
+/// Which gain of a sampled filter is meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(rename = "InverseFilterForm")]
+pub enum Form {
+    /// `x̂⁺ = Ax̂ + Bu + L(y − Cx̂ − Du)`.
+    #[default]
+    Predictor,
+    /// `x̂ ← x̂ + L(y − Cx̂ − Du)` before the step: the gain of Kalman's filter as it is printed most often.
+    Filter,
+}
+
+impl Form {
+    fn is_predictor(&self) -> bool {
+        *self == Self::Predictor
+    }
+}
+
+impl InverseSpec {
+    /// What is said about the gain, rows×columns; `at` is the pointer of the spec.
+    pub(in crate::analysis) fn knowledge(&self, shape: (usize, usize), at: &str) -> Result<Knowledge, Problem> {
+        let gain_rounding = match &self.gain_rounding {
+            None => None,
+            Some(GainRounding::All(value)) => Some(DMatrix::from_element(shape.0, shape.1, *value)),
+            Some(GainRounding::Entries(rows)) => {
+                Some(dense(rows, "the rounding of the gain", &format!("{at}/gain_rounding"))?)
+            }
+        };
+        if let Some(found) = gain_rounding.as_ref()
+            && (found.shape() != shape || found.iter().any(|v| !(v.is_finite() && *v >= 0.0)))
+        {
+            let (rows, columns) = shape;
+            let detail = format!("the rounding of the gain must be {rows}x{columns}, with numbers from 0 on");
+            return Err(wrong(detail, format!("{at}/gain_rounding")));
+        }
+        Ok(Knowledge { gain_rounding, discount: self.discount })
+    }
 }
 
 impl Default for InverseSpec {
@@ -98,6 +196,10 @@ impl Default for InverseSpec {
             state_weight: StateWeight::Name(WeightName::Full),
             port_weight: PortWeight::Name(WeightName::Full),
             semidefinite: false,
+            solver: SolverName::Auto,
+            gain_rounding: None,
+            discount: None,
+            form: Form::Predictor,
             fit: Some(FitSpec::default()),
         }
     }
@@ -117,7 +219,7 @@ impl Part for InverseSpec {
             value,
             at,
             "A spec has state_weight (\"full\", \"diagonal\" or {\"pattern\": ..}), port_weight (also {\"fixed\": \
-             ..}), semidefinite and fit.",
+             ..}), semidefinite, solver, gain_rounding, discount, form and fit.",
         )
     }
 }
@@ -150,6 +252,11 @@ impl CheckedSpec {
         Ok(Self { used: written, structure, metric })
     }
 
+    /// As the question takes it.
+    pub(in crate::analysis) fn settings(&self) -> Settings {
+        Settings { structure: self.structure.clone(), solver: self.used.solver.into() }
+    }
+
     /// As the fit takes it.
     pub(in crate::analysis) fn fit_settings(&self, fit: &FitSpec) -> FitSettings {
         FitSettings {
@@ -158,6 +265,7 @@ impl CheckedSpec {
             metric: self.metric.clone(),
             random_starts: fit.random_starts,
             seed: fit.seed,
+            evaluations: fit.evaluations,
         }
     }
 
@@ -178,6 +286,10 @@ fn check_fit(fit: &FitSpec, at: &str) -> Result<(), Problem> {
     if fit.random_starts > MAX_STARTS {
         let detail = format!("there are {} random starts; at most {MAX_STARTS} are taken", fit.random_starts);
         return Err(wrong(detail, format!("{at}/random_starts")));
+    }
+    if fit.evaluations.is_some_and(|count| !(1..=MAX_EVALUATIONS).contains(&count)) {
+        let detail = format!("evaluations must be 1 to {MAX_EVALUATIONS}");
+        return Err(wrong(detail, format!("{at}/evaluations")));
     }
     let Some(descent) = &fit.descent else { return Ok(()) };
     if !(descent.rate > 0.0 && descent.rate.is_finite()) {

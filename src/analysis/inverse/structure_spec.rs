@@ -106,7 +106,7 @@ pub(in crate::analysis) fn structure_problem(error: &StructureError, at: &str) -
         StructureError::Size { matrix, .. }
         | StructureError::NotSymmetric { matrix, .. }
         | StructureError::NoDiagonal { matrix, .. } => of(matrix),
-        StructureError::NothingWeighed { .. } => "state_weight/pattern",
+        StructureError::NothingWeighed { .. } | StructureError::Targets { .. } => "state_weight/pattern",
         StructureError::NotDefinite { .. } | StructureError::Entry { .. } | StructureError::Both => "port_weight/fixed",
     };
     Problem::new(Code::Invalid, "unusable structure", error.to_string()).at(format!("{at}/{place}"))

@@ -30,7 +30,7 @@ fn a_scalar_regulator_has_its_closed_form() {
     assert!((result["t_star"].as_f64().unwrap() - 0.5).abs() < 1e-7);
     assert!(result["forward_error"].as_f64().unwrap() < 1e-12);
     assert_eq!(result["fit"], Value::Null);
-    assert_eq!(report.schema, "volition.inverse_lqr/1");
+    assert_eq!(report.schema, "volition.inverse_lqr/2");
 }
 
 #[test]
@@ -145,7 +145,8 @@ fn malformed_questions_name_matrix_size_and_reason() {
         (json!({"a": [[0, 1], [2, "x"]], "b": b, "k": [[5, 3]]}), "/inputs/a/1/1", "no number"),
         (json!({"a": a, "b": b, "k": [[5], [3]]}), "/inputs/k", "K is 2x1 and must be 1x2"),
         (json!({"a": a, "b": b, "k": [[1, 3]]}), "/inputs/k", "not stable"),
-        (json!({"a": [[1, 0], [0, -1]], "b": b, "k": [[5, 3]]}), "/inputs/b", "not controllable"),
+        (json!({"a": [[1, 0], [0, -1]], "b": b, "k": [[5, 3]]}), "/inputs/k", "no input reaches the mode"),
+        (json!({"a": a, "b": [[0], [0]], "k": [[5, 3]]}), "/inputs/b", "no input reaches a state"),
         (json!({"a": a, "b": b, "k": [[1e300, 3]]}), "/inputs/k", "1e300"),
         (json!({"a": a, "b": b}), "/inputs", "no matrix k"),
         (json!({"a": a, "b": b, "k": [[5, 3]], "c": [[1, 0]]}), "/inputs/c", "takes no input"),
@@ -305,7 +306,11 @@ fn what_a_structure_leaves_is_said() {
     let exact = run("inverse_lqr", inputs(json!([[1, 2f64.sqrt()]])), spec.clone());
     assert_eq!(exact.result["verdict"], "feasible");
     assert!((exact.result["q"][0][0].as_f64().unwrap() / exact.result["r"][0][0].as_f64().unwrap() - 1.0).abs() < 1e-9);
-    assert_eq!(codes(&exact), Vec::<String>::new());
+    assert_eq!(codes(&exact), ["within_pattern"]);
+    assert_eq!(
+        (&exact.result["within_pattern"], &exact.result["evidence"]["verdict"]),
+        (&json!(true), &json!("boundary"))
+    );
     let rounded = run("inverse_lqr", inputs(json!([[1, 1.41]])), spec);
     assert_eq!(rounded.result["verdict"], "infeasible");
     assert!(codes(&rounded).contains(&"structure_leaves_nothing".to_owned()), "{:?}", codes(&rounded));

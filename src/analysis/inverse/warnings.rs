@@ -4,12 +4,14 @@ use crate::analysis::report::Warning;
 use crate::control::structural::{StructuralError, check_detectable};
 use crate::inverse::fit::Fit;
 use crate::inverse::lqr::Weights;
-use crate::inverse::{Gains, InverseLqr, Role, UNDECIDED, Verdict};
+use crate::inverse::{Gains, InverseLqr, Role, Verdict};
 use nalgebra::DMatrix;
 use std::fmt::Display;
 
 /// Condition numbers above this deserve a warning: weights then differ by more than measured gains tell.
 const ILL_CONDITIONED: f64 = 1e8;
+/// On the boundary eigenvalues of Q below this share of its size are zero: singular weights come from an iteration.
+const SEEN: f64 = 1e-7;
 /// The share of starts that must agree on the best fit for it to be trusted.
 const AGREEMENT: f64 = 0.3;
 
@@ -25,29 +27,120 @@ fn seen(gains: &Gains, verdict: Verdict, weights: &Weights) -> DMatrix<f64> {
     }
     let size = weights.q.norm().max(gains.k().tr_mul(&(&weights.r * gains.k())).norm());
     let eigen = weights.q.clone().symmetric_eigen();
-    let values = eigen.eigenvalues.map(|v| if v > UNDECIDED * size { v } else { 0.0 });
+    let values = eigen.eigenvalues.map(|v| if v > SEEN * size { v } else { 0.0 });
     &eigen.eigenvectors * DMatrix::from_diagonal(&values) * eigen.eigenvectors.transpose()
 }
 
-pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, warnings: &mut Vec<Warning>) {
+/// Other readings of the numbers under which the verdict would be another one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Doubts {
+    /// The boundary is within half a unit of the last digit of the gain.
+    pub within_digits: bool,
+    /// L is infeasible for a predictor, and AL is not.
+    pub would_pass_as_filter: bool,
+}
+
+fn half_of(gains: &Gains) -> &'static str {
+    if gains.role() == Role::Filter { "filter" } else { "regulator" }
+}
+
+/// The fit was not made.
+pub(super) fn fit_left_out(gains: &Gains) -> Warning {
+    let why = if gains.targets().is_some() { "the plant has targets that no input reaches" } else { "it is too large" };
+    Warning::new("fit_left_out", format!("no weights were fitted to the {}'s gain: {why}", half_of(gains)))
+}
+
+/// What the plant makes of the question.
+fn warn_of_plant(gains: &Gains, answer: &InverseLqr, doubts: &Doubts, warnings: &mut Vec<Warning>) {
+    let half = half_of(gains);
+    if answer.decision.is_uninformative {
+        warnings.push(Warning::new(
+            "uninformative",
+            format!(
+                "A is singular: every stabilising gain of this {half} that vanishes on its kernel is optimal for some \
+                 weights, and the verdict says nothing about the person"
+            ),
+        ));
+    }
+    if !gains.decaying().is_empty() {
+        warnings.push(Warning::new(
+            "free_modes",
+            format!(
+                "{} modes decay by themselves and cannot be influenced: the {half}'s gain on them is free, and does not \
+                 count for the verdict",
+                gains.decaying().len()
+            ),
+        ));
+    }
+    if let Some(targets) = gains.targets() {
+        warnings.push(Warning::new(
+            "set_points",
+            format!(
+                "{} modes last and cannot be influenced, such as targets: the {half}'s weights are on the distances \
+                 from the set points that the loop holds, which are in `unreached`",
+                targets.modes.len()
+            ),
+        ));
+    }
+    if doubts.within_digits {
+        let verdict = match answer.decision.verdict {
+            Verdict::Feasible => "feasible",
+            Verdict::Infeasible => "infeasible",
+            Verdict::Boundary => "boundary",
+        };
+        warnings.push(Warning::new(
+            "gain_digits",
+            format!(
+                "the {half}'s gain is {verdict} as it is written, to the last digit; within half a unit of those digits \
+                 it is on the boundary. If they are rounded, say so with gain_rounding"
+            ),
+        ));
+    }
+    if doubts.would_pass_as_filter {
+        warnings.push(Warning::new(
+            "filter_form",
+            "L is no optimal gain of a predictor, but AL is not ruled out: if L corrects the estimate before the step, \
+             say so with form \"filter\""
+                .to_owned(),
+        ));
+    }
+    if answer.is_within_pattern && answer.verdict == Verdict::Feasible {
+        warnings.push(Warning::new(
+            "within_pattern",
+            format!(
+                "the {half}'s gain is feasible within the pattern, which leaves states out: for weights on all states \
+                 these are singular, a boundary"
+            ),
+        ));
+    }
+}
+
+pub(super) fn warn(
+    gains: &Gains,
+    answer: &InverseLqr,
+    fitted: Option<&Fit>,
+    doubts: &Doubts,
+    warnings: &mut Vec<Warning>,
+) {
     let role = gains.role();
-    let half = if role == Role::Filter { "filter" } else { "regulator" };
+    let half = half_of(gains);
+    warn_of_plant(gains, answer, doubts, warnings);
     if answer.verdict == Verdict::Boundary {
         warnings.push(Warning::new(
             "boundary",
             format!(
-                "the {half}'s margin t* is zero to working precision: only singular weights may make this gain \
-                 optimal, and a small change of the gain may make it infeasible"
+                "the {half}'s gain is on the boundary within the rounding of the data: only singular weights may make \
+                 it optimal, and a small change of the gain may make it infeasible"
             ),
         ));
     }
-    if answer.verdict == Verdict::Infeasible && answer.t_star_scaled.is_none() {
+    if answer.unknowns == 0 {
         warnings.push(Warning::new(
             "structure_leaves_nothing",
             format!(
-                "no weights of this structure satisfy the equalities for exactly the {half}'s gain, whatever their \
-                 signs: with so few unknowns the last digit of a gain decides. Read the distance of the fit, not the \
-                 verdict"
+                "no weights of this structure satisfy the equalities for the {half}'s gain within its rounding, \
+                 whatever their signs: with so few unknowns the last digit of a gain decides. Read the distance of the \
+                 fit, not the verdict"
             ),
         ));
     }
@@ -67,16 +160,27 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
             ),
         ));
     }
+    if answer.weights.is_some() && answer.verdict == Verdict::Feasible && !answer.best_conditioned {
+        let why = if answer.conditioning.is_some() {
+            "rounding keeps those of the least condition number from returning the gain"
+        } else {
+            "the problem is too large for those of the least condition number"
+        };
+        warnings.push(Warning::new(
+            "not_best_conditioned",
+            format!("the {half}'s weights are ones that prove the verdict, not the best conditioned: {why}"),
+        ));
+    }
+    if answer.verdict == Verdict::Feasible && answer.weights.is_none() {
+        warnings.push(Warning::new(
+            "weights_not_found",
+            format!(
+                "weights exist for the {half}'s gain, but none was found in working precision that returns it to 1e-6: \
+                 choose units in which states and inputs are of similar size"
+            ),
+        ));
+    }
     if let Some(conditioning) = answer.conditioning {
-        if !answer.best_conditioned {
-            warnings.push(Warning::new(
-                "not_best_conditioned",
-                format!(
-                    "rounding keeps the {half}'s weights of the least condition number from returning the gain; those \
-                     of the largest margin are given, which do"
-                ),
-            ));
-        }
         if conditioning.alpha > ILL_CONDITIONED {
             warnings.push(Warning::new(
                 "ill_conditioned",
@@ -107,6 +211,16 @@ pub(super) fn warn(gains: &Gains, answer: &InverseLqr, fitted: Option<&Fit>, war
         }
     }
     let Some(fitted) = fitted else { return };
+    if fitted.is_exhausted {
+        warnings.push(Warning::new(
+            "fit_ended_early",
+            format!(
+                "the fit of the {half} ended with the {} evaluations that it was allowed: some of its points may be \
+                 improved by more",
+                fitted.allowed
+            ),
+        ));
+    }
     if let Some((best, first)) = fitted.curve.last().zip(fitted.curve.first()) {
         let agreeing = best.agreeing_starts as f64;
         if agreeing < AGREEMENT * best.starts as f64 {

@@ -4,6 +4,7 @@ use super::Plan;
 use crate::analysis::contract::{Analysis as _, Inputs, Part};
 use crate::analysis::inverse::half::{Half, WrittenLabels, check_feedthrough};
 use crate::analysis::inverse::members::Members;
+use crate::analysis::inverse::spec::InverseSpec;
 use crate::analysis::inverse::written::{OtherNoise, WrittenMatrix};
 use crate::analysis::problem::Problem;
 use schemars::JsonSchema;
@@ -65,12 +66,12 @@ impl Part for InverseLqeInputs {
 
 impl InverseLqeInputs {
     /// The question about L.
-    pub(super) fn filter(&self) -> Result<Half, Problem> {
+    pub(super) fn filter(&self, spec: &InverseSpec) -> Result<Half, Problem> {
         let labels = [
             WrittenLabels { of: "state", names: &self.state_names, units: &self.state_units },
             WrittenLabels { of: "output", names: &self.output_names, units: &self.output_units },
         ];
-        let half = Half::filter([&self.a, &self.c, &self.l], self.sample_time_s, labels)?;
+        let half = Half::filter([&self.a, &self.c, &self.l], self.sample_time_s, labels, (spec, "/spec"))?;
         check_feedthrough(self.d.as_ref(), half.gains.ports(), None)?;
         half.beside(["w", "v"], self.compare_with.as_ref().map(|other| (&other.w, &other.v)))
     }

@@ -33,7 +33,7 @@ impl Analysis for Plan {
         states and outputs, with a certificate either way; the best conditioned noises where it is, proven by solving \
         the forward problem; and the nearest optimal gain where it is not (Priess 2015, section 4.3: the dual of \
         inverse_lqr).";
-    const RESULT_VERSION: u32 = 1;
+    const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = InverseLqeInputs;
@@ -41,7 +41,7 @@ impl Analysis for Plan {
     type Result = InverseLqeResult;
 
     fn check(inputs: InverseLqeInputs, spec: InverseSpec) -> Result<Self, Problem> {
-        let half = inputs.filter()?;
+        let half = inputs.filter(&spec)?;
         let spec = CheckedSpec::new(spec, &half.gains, "/spec")?;
         Ok(Self { inputs, half, spec })
     }

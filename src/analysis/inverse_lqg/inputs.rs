@@ -1,6 +1,7 @@
 //! The plant and both gains of a controller.
 
 use super::Plan;
+use super::spec::InverseLqgSpec;
 use crate::analysis::contract::{Analysis as _, Inputs, Part};
 use crate::analysis::inverse::half::{Half, WrittenLabels, check_feedthrough};
 use crate::analysis::inverse::members::Members;
@@ -84,15 +85,18 @@ impl Part for InverseLqgInputs {
 
 impl InverseLqgInputs {
     /// The questions about K and about L.
-    pub(super) fn halves(&self) -> Result<(Half, Half), Problem> {
+    pub(super) fn halves(&self, spec: &InverseLqgSpec) -> Result<(Half, Half), Problem> {
         let states = || WrittenLabels { of: "state", names: &self.state_names, units: &self.state_units };
         let inputs = WrittenLabels { of: "input", names: &self.input_names, units: &self.input_units };
         let outputs = WrittenLabels { of: "output", names: &self.output_names, units: &self.output_units };
         let other = self.compare_with.as_ref();
         let cost = other.and_then(|other| other.q.as_ref().zip(other.r.as_ref()));
         let noise = other.and_then(|other| other.w.as_ref().zip(other.v.as_ref()));
-        let regulator = Half::regulator([&self.a, &self.b, &self.k], self.sample_time_s, [states(), inputs])?;
-        let filter = Half::filter([&self.a, &self.c, &self.l], self.sample_time_s, [states(), outputs])?;
+        let of_regulator = (&spec.regulator, "/spec/regulator");
+        let regulator =
+            Half::regulator([&self.a, &self.b, &self.k], self.sample_time_s, [states(), inputs], of_regulator)?;
+        let of_filter = (&spec.filter, "/spec/filter");
+        let filter = Half::filter([&self.a, &self.c, &self.l], self.sample_time_s, [states(), outputs], of_filter)?;
         check_feedthrough(self.d.as_ref(), filter.gains.ports(), Some(regulator.gains.ports()))?;
         let regulator = regulator.along(self.trajectory.as_ref())?.beside(["q", "r"], cost)?;
         Ok((regulator, filter.beside(["w", "v"], noise)?))

@@ -41,7 +41,7 @@ impl Analysis for Plan {
     const SUMMARY: &'static str = "Whether a controller of state feedback and estimator is linear-quadratic-Gaussian \
         for a cost and noises: the questions of inverse_lqr about its gain K and of inverse_lqe about its gain L, one \
         verdict on both, and the weights Q, R, W and V (Priess 2015, section 4.3).";
-    const RESULT_VERSION: u32 = 1;
+    const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = InverseLqgInputs;
@@ -49,7 +49,7 @@ impl Analysis for Plan {
     type Result = InverseLqgResult;
 
     fn check(inputs: InverseLqgInputs, spec: InverseLqgSpec) -> Result<Self, Problem> {
-        let (regulator, filter) = inputs.halves()?;
+        let (regulator, filter) = inputs.halves(&spec)?;
         let for_regulator = CheckedSpec::new(spec.regulator.clone(), &regulator.gains, "/spec/regulator")?;
         let for_filter = CheckedSpec::new(spec.filter.clone(), &filter.gains, "/spec/filter")?;
         let (regulator, filter) = (Box::new((regulator, for_regulator)), Box::new((filter, for_filter)));

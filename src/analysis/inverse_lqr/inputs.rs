@@ -4,6 +4,7 @@ use super::Plan;
 use crate::analysis::contract::{Analysis as _, Inputs, Part};
 use crate::analysis::inverse::half::{Half, WrittenLabels};
 use crate::analysis::inverse::members::Members;
+use crate::analysis::inverse::spec::InverseSpec;
 use crate::analysis::inverse::written::{OtherCost, Trajectory, WrittenMatrix};
 use crate::analysis::problem::Problem;
 use schemars::JsonSchema;
@@ -66,12 +67,12 @@ impl Part for InverseLqrInputs {
 
 impl InverseLqrInputs {
     /// The question about K.
-    pub(super) fn regulator(&self) -> Result<Half, Problem> {
+    pub(super) fn regulator(&self, spec: &InverseSpec) -> Result<Half, Problem> {
         let labels = [
             WrittenLabels { of: "state", names: &self.state_names, units: &self.state_units },
             WrittenLabels { of: "input", names: &self.input_names, units: &self.input_units },
         ];
-        Half::regulator([&self.a, &self.b, &self.k], self.sample_time_s, labels)?
+        Half::regulator([&self.a, &self.b, &self.k], self.sample_time_s, labels, (spec, "/spec"))?
             .along(self.trajectory.as_ref())?
             .beside(["q", "r"], self.compare_with.as_ref().map(|other| (&other.q, &other.r)))
     }

@@ -33,7 +33,7 @@ impl Analysis for Plan {
     const SUMMARY: &'static str = "Whether a state feedback gain is optimal for a quadratic cost of states and inputs, \
         with a certificate either way; the best conditioned weights where it is, proven by solving the forward \
         problem; and the nearest optimal gain where it is not (Priess 2015, section 3.2).";
-    const RESULT_VERSION: u32 = 1;
+    const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = InverseLqrInputs;
@@ -41,7 +41,7 @@ impl Analysis for Plan {
     type Result = InverseLqrResult;
 
     fn check(inputs: InverseLqrInputs, spec: InverseSpec) -> Result<Self, Problem> {
-        let half = inputs.regulator()?;
+        let half = inputs.regulator(&spec)?;
         let spec = CheckedSpec::new(spec, &half.gains, "/spec")?;
         Ok(Self { inputs, half, spec })
     }

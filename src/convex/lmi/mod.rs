@@ -9,10 +9,12 @@
 //! from z anew, so that it is exactly what z says. With N unknowns and blocks of size d one step costs `N Σ d³ + N² Σ
 //! d²/2` operations.
 
+mod choice;
 mod scaling;
 mod step;
 
 use crate::ctl::{Ctl, Stopped};
+pub use choice::{SolvedBy, Solver, solve_with};
 use nalgebra::{DMatrix, DVector};
 use scaling::{Factor, starting_mu};
 use step::advance;
@@ -175,7 +177,7 @@ pub fn solve(problem: &Problem, start: &DVector<f64>, ctl: &Ctl) -> Result<Solut
         None => problem.cost.clone(),
     };
     let inverses: Vec<DMatrix<f64>> = s.iter().map(Factor::inverse).collect();
-    let mu = starting_mu(problem, &s, &inverses, &gradient(&z));
+    let mu = starting_mu(problem, &s, &inverses, &gradient(&z), ctl)?;
     let mut duals: Vec<DMatrix<f64>> = inverses.into_iter().map(|x| x * mu).collect();
 
     let mut best: Option<Solution> = None;
@@ -227,7 +229,7 @@ pub fn solve(problem: &Problem, start: &DVector<f64>, ctl: &Ctl) -> Result<Solut
         if since_best > PATIENCE || step == STEPS {
             break;
         }
-        let Some(next) = advance(problem, &z, &s, &duals, &dual_residual, gap / degree) else { break };
+        let Some(next) = advance(problem, &z, &s, &duals, &dual_residual, gap / degree, ctl)? else { break };
         let (next_z, next_duals) = next;
         let Ok(next_s) = factor_all(&next_z) else { break };
         (z, s, duals) = (next_z, next_s, next_duals);

@@ -2,11 +2,12 @@
 
 use super::{Block, Problem};
 use crate::convex::svec;
+use crate::ctl::{Ctl, Stopped};
 use crate::num::linalg::{svd, symmetric};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// From so many operations on a product goes to faer's kernel instead of nalgebra's.
-pub(super) const LARGE_PRODUCT: usize = 40_000;
+const LARGE_PRODUCT: usize = 40_000;
 
 pub(super) type Factor = Cholesky<f64, Dyn>;
 
@@ -97,7 +98,7 @@ fn right_singular(a: &DMatrix<f64>) -> Option<(DVector<f64>, DMatrix<f64>)> {
 }
 
 /// `A·B`, or `AᵀB`.
-fn product(a: &DMatrix<f64>, b: &DMatrix<f64>, transpose: bool) -> DMatrix<f64> {
+pub(super) fn product(a: &DMatrix<f64>, b: &DMatrix<f64>, transpose: bool) -> DMatrix<f64> {
     let rows = if transpose { a.ncols() } else { a.nrows() };
     if rows * a.len() / rows.max(1) * b.ncols() < LARGE_PRODUCT {
         return if transpose { a.tr_mul(b) } else { a * b };
@@ -112,12 +113,18 @@ fn product(a: &DMatrix<f64>, b: &DMatrix<f64>, transpose: bool) -> DMatrix<f64> 
 }
 
 /// The rows `svec(R⁻¹F_iR⁻ᵀ)` of every block, one column per unknown.
-pub(super) fn scaled_terms(blocks: &[Block], scaled: &[Scaled], unknowns: usize) -> DMatrix<f64> {
+pub(super) fn scaled_terms(
+    blocks: &[Block],
+    scaled: &[Scaled],
+    unknowns: usize,
+    ctl: &Ctl,
+) -> Result<DMatrix<f64>, Stopped> {
     let rows: usize = blocks.iter().map(|block| svec::length(block.size())).sum();
     let mut all = DMatrix::zeros(rows, unknowns);
     let mut offset = 0;
     for (block, scaled) in blocks.iter().zip(scaled) {
         let d = block.size();
+        ctl.check()?;
         let mut half = product(&scaled.inverse, &block.terms, false);
         let mut square = vec![0.0; d * d];
         for i in 0..unknowns {
@@ -129,6 +136,7 @@ pub(super) fn scaled_terms(blocks: &[Block], scaled: &[Scaled], unknowns: usize)
                 }
             }
         }
+        ctl.check()?;
         let full = product(&scaled.inverse, &half, false);
         let length = svec::length(d);
         for i in 0..unknowns {
@@ -137,12 +145,18 @@ pub(super) fn scaled_terms(blocks: &[Block], scaled: &[Scaled], unknowns: usize)
         }
         offset += length;
     }
-    all
+    Ok(all)
 }
 
 /// The μ with which `X = μS⁻¹` comes nearest to dual feasibility, in the metric of the barrier's Hessian (which knows
 /// no units); large enough that what is missing is no larger than the barrier's own gradient.
-pub(super) fn starting_mu(problem: &Problem, s: &[Factor], inverses: &[DMatrix<f64>], gradient: &DVector<f64>) -> f64 {
+pub(super) fn starting_mu(
+    problem: &Problem,
+    s: &[Factor],
+    inverses: &[DMatrix<f64>],
+    gradient: &DVector<f64>,
+    ctl: &Ctl,
+) -> Result<f64, Stopped> {
     let unknowns = gradient.len();
     let barrier = problem.blocks.iter().zip(inverses).fold(DVector::zeros(unknowns), |sum, (b, x)| sum + b.adjoint(x));
     let local: Option<Vec<Scaled>> = s
@@ -153,17 +167,15 @@ pub(super) fn starting_mu(problem: &Problem, s: &[Factor], inverses: &[DMatrix<f
             Some(Scaled { lambda: DVector::from_element(d, 1.0), inverse })
         })
         .collect();
-    let metric = local.and_then(|local| {
-        let terms = scaled_terms(&problem.blocks, &local, unknowns);
-        factor_normal(&product(&terms, &terms, true))
-    });
+    let terms = local.map(|local| scaled_terms(&problem.blocks, &local, unknowns, ctl)).transpose()?;
+    let metric = terms.and_then(|terms| factor_normal(&product(&terms, &terms, true)));
     let solved = metric.map(|factor| (factor.solve(gradient), factor.solve(&barrier)));
     let mu = solved.map_or(1.0, |(g, b)| {
         let fitted = barrier.dot(&g) / barrier.dot(&b);
         let least = gradient.dot(&g).max(0.0).sqrt();
         if fitted.is_finite() { fitted.max(least) } else { least }
     });
-    if mu.is_normal() { mu } else { 1.0 }
+    Ok(if mu.is_normal() { mu } else { 1.0 })
 }
 
 /// Cholesky of the normal matrix, with the least shift of its diagonal that makes it definite.

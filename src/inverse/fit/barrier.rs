@@ -1,5 +1,6 @@
 //! Newton's method within bounds on the eigenvalues of the weights.
 
+use super::allowance::Allowance;
 use super::objective::Objective;
 use crate::ctl::{Ctl, Stopped};
 use crate::inverse::structure::Structure;
@@ -107,9 +108,12 @@ pub(super) fn minimise(
     start: (DMatrix<f64>, DMatrix<f64>),
     bounds: Bounds<'_>,
     barrier: Option<f64>,
-    ctl: &Ctl,
+    (allowance, ctl): (&Allowance, &Ctl),
 ) -> Result<Option<Point>, Stopped> {
     let (mut q, mut r) = start;
+    if !allowance.take() {
+        return Ok(None);
+    }
     let degree = 2.0 * (bounds.weighed.map_or(q.nrows(), <[usize]>::len) + r.nrows()) as f64;
     let Ok(first) = objective.evaluate(&q, &r, None) else { return Ok(None) };
     let (Some(mut sq), Some(mut sr)) = (bounds.of_states(&q), bounds.slacks(&r)) else { return Ok(None) };
@@ -119,9 +123,10 @@ pub(super) fn minimise(
     let mut stationarity = f64::INFINITY;
     let mut damping = 1e-3;
     loop {
+        let mut is_over = false;
         for _ in 0..STEPS {
             ctl.check()?;
-            let (mut gradient, hessian) = objective.derivatives(&at, directions);
+            let (mut gradient, hessian) = objective.derivatives(&at, directions, ctl)?;
             let (bq, br) = (sq.gradient(), sr.gradient());
             let curved: Vec<Pair> = directions.iter().map(|(dq, dr)| (sq.curvature(dq), sr.curvature(dr))).collect();
             let count = directions.len();
@@ -137,6 +142,7 @@ pub(super) fn minimise(
             // Sizes of f and of the metric differ: damping is relative to the curvature of f.
             let size = hessian.diagonal().component_div(&metric.diagonal()).amax().max(f64::MIN_POSITIVE);
             for _ in 0..60 {
+                ctl.check()?;
                 let shifted = &hessian + &metric * (mu + damping * size);
                 let Some(factor) = shifted.cholesky() else {
                     damping = (damping * 8.0).max(1e-16);
@@ -150,6 +156,10 @@ pub(super) fn minimise(
                 // On the way only the neighbourhood of the path matters.
                 let last = if barrier { CONVERGED } else { 1e-6 * CONVERGED };
                 if model <= (last * at.value).max(0.02 * mu * degree).max(f64::MIN_POSITIVE) {
+                    break;
+                }
+                if !allowance.take() {
+                    is_over = true;
                     break;
                 }
                 let tried = bounds.of_states(&next_q).zip(bounds.slacks(&next_r)).and_then(|(nq, nr)| {
@@ -174,12 +184,12 @@ pub(super) fn minimise(
                 }
             }
             stationarity = promise.max(0.0) / at.value.max(f64::MIN_POSITIVE);
-            if !moved {
+            if !moved || is_over {
                 break;
             }
         }
         damping = damping.min(1e-3);
-        if !barrier || mu * degree <= BARRIER_END * at.value {
+        if is_over || !barrier || mu * degree <= BARRIER_END * at.value {
             return Ok(Some(Point { q, r, k: at.k, value: at.value, stationarity }));
         }
         mu *= SHRINK;
@@ -212,6 +222,6 @@ pub(in crate::inverse) fn refine(
     let directions = &structure.directions(q.nrows(), r.nrows());
     let weighed = structure.support();
     let bounds = Bounds { low: 0.0, high: f64::INFINITY, weighed: weighed.as_deref() };
-    let point = minimise(objective, directions, (q.clone(), r.clone()), bounds, None, ctl)?;
+    let point = minimise(objective, directions, (q.clone(), r.clone()), bounds, None, (&Allowance::small(), ctl))?;
     Ok(point.map(|point| (point.q, point.r)))
 }

@@ -1,5 +1,6 @@
 //! The trade-off between fit and condition number.
 
+use super::allowance::Allowance;
 use super::barrier::{Bounds, FAR, NEAR, Pair, Point, WARM, minimise};
 use super::objective::Objective;
 use super::starts::{into_box, random, smallest_cross_term};
@@ -13,7 +14,13 @@ use nalgebra::DMatrix;
 /// Spread of the eigenvalues of random starts without bounds.
 const FREE_SPREAD: f64 = 1e3;
 /// Sizes n + m up to which the cross-term start is computed.
-const CROSS_TERM: usize = 20;
+pub const CROSS_TERM: usize = 20;
+/// Unknowns of the weights up to which they are fitted: beyond a single step takes longer than a cancel may wait.
+const UNKNOWNS: usize = 400;
+/// Operations that a fit may take where nothing else is said: some 2 s of one core.
+const OPERATIONS: usize = 1_000_000_000;
+/// Evaluations at least and at most that follow from it.
+const EVALUATIONS: [usize; 2] = [200, 200_000];
 
 /// Rounds of steps without bounds at most.
 const ROUNDS: usize = 10;
@@ -33,6 +40,8 @@ pub struct FitSettings {
     pub random_starts: usize,
     /// Seed of the random starts.
     pub seed: u64,
+    /// Evaluations of f at most; by the size of the problem where there is none.
+    pub evaluations: Option<usize>,
 }
 
 impl Default for FitSettings {
@@ -43,8 +52,22 @@ impl Default for FitSettings {
             metric: None,
             random_starts: 4,
             seed: 1,
+            evaluations: None,
         }
     }
+}
+
+/// Whether weights of this structure are fitted at all: not too many unknowns, and no targets that no input reaches.
+#[must_use]
+pub fn fits(gains: &Gains, structure: &Structure) -> bool {
+    structure.unknowns(gains.states(), gains.ports()) <= UNKNOWNS && gains.targets().is_none()
+}
+
+/// Evaluations that a problem of n states, m inputs and d unknowns is allowed: a Riccati equation by Newton's method,
+/// and a Lyapunov equation for every unknown.
+fn allowed(n: usize, m: usize, d: usize) -> usize {
+    let operations = n.pow(3) * (1000 + 16 * d) + 2 * d * d * n * m;
+    (OPERATIONS / operations.max(1)).clamp(EVALUATIONS[0], EVALUATIONS[1])
 }
 
 /// The best weights found under one condition number.
@@ -75,6 +98,12 @@ pub struct Fit {
     pub curve: Vec<FitPoint>,
     /// Without a κ, Q ⪰ 0 and R ≻ 0 alone.
     pub unbounded: Option<Unbounded>,
+    /// Evaluations of f that were taken.
+    pub evaluations: usize,
+    /// Evaluations that were allowed.
+    pub allowed: usize,
+    /// Whether some part of the fit ended for want of them.
+    pub is_exhausted: bool,
 }
 
 /// The nearest gain found where only the signs of the weights are held: no more than the last of the curve, and usually
@@ -127,6 +156,11 @@ pub fn fit(gains: &Gains, settings: &FitSettings, ctl: &Ctl) -> Result<Fit, FitE
     }
     let objective = Objective::new(gains, settings.metric.as_ref());
     let directions = settings.structure.directions(n, m);
+    let total = settings.evaluations.unwrap_or_else(|| allowed(n, m, directions.len()));
+    let allowance = Allowance::new(total);
+    // The starts without bounds, each κ, and the last descent.
+    let mut parts = settings.condition_numbers.len() + 2;
+    allowance.begin(parts);
     let weighed = settings.structure.support();
     let free = settings.structure.is_free();
     let mut common = Vec::new();
@@ -145,7 +179,7 @@ pub fn fit(gains: &Gains, settings: &FitSettings, ctl: &Ctl) -> Result<Fit, FitE
     for (mut q, mut r) in unbounded {
         settings.structure.impose(&mut q, &mut r);
         let bounds = Bounds { low: 0.0, high: f64::INFINITY, weighed: weighed.as_deref() };
-        if let Some(point) = minimise(&objective, &directions, (q, r), bounds, None, ctl)? {
+        if let Some(point) = minimise(&objective, &directions, (q, r), bounds, None, (&allowance, ctl))? {
             common.push((point.q, point.r));
         }
     }
@@ -158,7 +192,9 @@ pub fn fit(gains: &Gains, settings: &FitSettings, ctl: &Ctl) -> Result<Fit, FitE
             starts.extend(different(previous).map(|p| (WARM, into_box(&p.q, &p.r, *kappa, weighed.as_deref()))));
         }
         starts.extend((0..settings.random_starts).map(|_| (NEAR, random(n, m, *kappa, &mut stream))));
-        found.push(ends(&objective, &directions, starts, settings, *kappa, ctl)?);
+        parts -= 1;
+        allowance.begin(parts);
+        found.push(ends(&objective, &directions, starts, settings, *kappa, (&allowance, ctl))?);
     }
     let mut curve: Vec<FitPoint> = Vec::new();
     for (points, kappa) in found.iter().zip(&settings.condition_numbers) {
@@ -180,8 +216,10 @@ pub fn fit(gains: &Gains, settings: &FitSettings, ctl: &Ctl) -> Result<Fit, FitE
     }
     let mut starts = common;
     starts.extend(curve.last().map(|best| (best.q.clone(), best.r.clone())));
-    let unbounded = without_bounds(&objective, &directions, starts, weighed.as_deref(), ctl)?;
-    Ok(Fit { curve, unbounded })
+    allowance.begin(1);
+    let unbounded = without_bounds(&objective, &directions, starts, weighed.as_deref(), (&allowance, ctl))?;
+    let (evaluations, is_exhausted) = (total - allowance.left(), allowance.is_exhausted());
+    Ok(Fit { curve, unbounded, evaluations, allowed: total, is_exhausted })
 }
 
 /// The nearest gain with the signs of the weights alone, from the best of these starts on. The value creeps towards an
@@ -191,14 +229,14 @@ fn without_bounds(
     directions: &[Pair],
     starts: Vec<Pair>,
     weighed: Option<&[usize]>,
-    ctl: &Ctl,
+    driven: (&Allowance, &Ctl),
 ) -> Result<Option<Unbounded>, Stopped> {
     let bounds = Bounds { low: 0.0, high: f64::INFINITY, weighed };
     let valued =
         starts.into_iter().filter_map(|(q, r)| objective.value(&q, &r, None).ok().map(|(value, _)| (value, q, r)));
     let Some((mut value, mut q, mut r)) = valued.min_by(|x, y| x.0.total_cmp(&y.0)) else { return Ok(None) };
     for _ in 0..ROUNDS {
-        let Some(point) = minimise(objective, directions, (q.clone(), r.clone()), bounds, None, ctl)? else { break };
+        let Some(point) = minimise(objective, directions, (q.clone(), r.clone()), bounds, None, driven)? else { break };
         let gained = value - point.value;
         if gained > 0.0 {
             (value, q, r) = (point.value, point.q, point.r);
@@ -247,14 +285,14 @@ fn ends(
     starts: Vec<(f64, Pair)>,
     settings: &FitSettings,
     kappa: f64,
-    ctl: &Ctl,
+    driven: (&Allowance, &Ctl),
 ) -> Result<Vec<Point>, Stopped> {
     let weighed = settings.structure.support();
     let bounds = Bounds { low: 1.0, high: kappa, weighed: weighed.as_deref() };
     let mut points = Vec::new();
     for (barrier, (mut q, mut r)) in starts {
         settings.structure.impose(&mut q, &mut r);
-        if let Some(point) = minimise(objective, directions, (q, r), bounds, Some(barrier), ctl)? {
+        if let Some(point) = minimise(objective, directions, (q, r), bounds, Some(barrier), driven)? {
             points.push(point);
         }
     }

@@ -2,6 +2,7 @@
 
 use crate::control::lyapunov::{Clock, Lyapunov};
 use crate::control::riccati::{Riccati, RiccatiError, RiccatiSolution};
+use crate::ctl::{Ctl, Stopped};
 use crate::inverse::gains::Gains;
 use crate::num::linalg::{solve_symmetric, symmetric};
 use nalgebra::{DMatrix, DVector};
@@ -126,16 +127,20 @@ impl<'a> Objective<'a> {
     /// With `(A − BK)ᵀP_i + P_i(A − BK) + dQ_i + KᵀdR_iK = 0` and `RK_i = BᵀP_i − dR_iK` the second derivative needs no
     /// further equation: `f_ij = 2⟨K_i, MK_j⟩ − 2⟨RK_iΛ, K_j⟩ − 2⟨R⁻¹ME, dR_iK_j + dR_jK_i⟩`; in sampled time with `R +
     /// BᵀPB` for R and its derivative for dR in the last term.
-    #[must_use]
+    ///
+    /// # Errors
+    /// [`Stopped`] when `ctl` says so.
     pub fn derivatives(
         &self,
         at: &Evaluation,
         directions: &[(DMatrix<f64>, DMatrix<f64>)],
-    ) -> (DVector<f64>, DMatrix<f64>) {
+        ctl: &Ctl,
+    ) -> Result<(DVector<f64>, DMatrix<f64>), Stopped> {
         let b = &self.gains.b;
         let count = directions.len();
         let mut gains = Vec::with_capacity(count);
         for (dq, dr) in directions {
+            ctl.check()?;
             let p = at.lyapunov.solve(&(dq + at.k.tr_mul(&(dr * &at.k))));
             let bp = b.tr_mul(&p);
             let (right, slope) = match self.gains.clock {
@@ -160,6 +165,6 @@ impl<'a> Objective<'a> {
                 hessian[(j, i)] = value;
             }
         }
-        (gradient, hessian)
+        Ok((gradient, hessian))
     }
 }

@@ -25,7 +25,7 @@ async fn gains_go_in_and_the_cost_comes_out() {
     let report = server.get(&format!("{path}/report")).await.json(200);
     assert_eq!(
         (&report["result"]["verdict"], &report["schema"]),
-        (&json!("feasible"), &json!("volition.inverse_lqg/1"))
+        (&json!("feasible"), &json!("volition.inverse_lqg/2"))
     );
     let alpha = report["result"]["regulator"]["alpha"].as_f64().unwrap();
     assert!((alpha - 18.387574037).abs() < 1e-6, "{alpha}");

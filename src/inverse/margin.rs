@@ -1,27 +1,16 @@
-//! Whether weights exist: the largest margin t* and its certificate.
+//! The largest margin t*: how definite weights may be, with Q and R under one trace.
+//!
+//! It is no verdict: for many gains that no R ≻ 0 makes optimal it is 0, since R may become singular.
 
 use super::space::Space;
 use crate::convex::lmi::{self, Block, LmiError, Problem, Solution, Status};
 use crate::ctl::Ctl;
 use nalgebra::{DMatrix, DVector};
 
-/// Margins of smaller magnitude decide nothing.
-pub const UNDECIDED: f64 = 1e-7;
-/// Weights below this share of the largest are not brought to size 1: their rounding would grow past [`UNDECIDED`].
+/// Weights below this share of the largest are not brought to size 1: their rounding would grow too large.
 const ROUNDING: f64 = 1e-8;
 /// Below this share of the weights' size their trace is rounding.
 const NO_TRACE: f64 = 1e-12;
-
-/// Whether a cost exists for which the gain is optimal.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
-    /// Weights exist that are definite, Q on the states that the structure lets it weigh.
-    Feasible,
-    /// None exist, not even semidefinite ones with a margin to spare.
-    Infeasible,
-    /// The margin is zero to working precision: singular weights may exist.
-    Boundary,
-}
 
 /// `t* = max t` with `Q ⪰ tI`, `R ⪰ tI`, `tr Q + tr R = n + m` over the weights that satisfy the equalities.
 #[derive(Debug, Clone)]
@@ -34,6 +23,8 @@ pub(super) struct Margin {
     pub z: DVector<f64>,
     /// Whether the iteration converged.
     pub solved: bool,
+    /// The dual weights of Q and R, positive definite.
+    pub duals: [DMatrix<f64>; 2],
 }
 
 /// Units in which a margin is measured: `D_q Q D_q ⪰ tI` and `D_r R D_r ⪰ tI` with diagonal D, n and m entries.
@@ -48,14 +39,8 @@ pub(super) struct Units {
 impl Units {
     /// Of one size each.
     pub(super) fn uniform(space: &Space, q: f64) -> Self {
-        Self::of_states(space, &DVector::from_element(space.q.first().map_or(0, DMatrix::nrows), q))
-    }
-
-    /// D_q for each state, and the units of the inputs as they are.
-    pub(super) fn of_states(space: &Space, d: &DVector<f64>) -> Self {
-        let weighed = space.weighed_states();
         let ports = space.r.first().map_or(0, DMatrix::nrows);
-        Self { q: DVector::from_fn(weighed.len(), |i, _| d[weighed[i]]), r: DVector::from_element(ports, 1.0) }
+        Self { q: DVector::from_element(space.weighed_states().len(), q), r: DVector::from_element(ports, 1.0) }
     }
 
     /// Such that the diagonals of these weights (Q where it is weighed) become 1, as far as they stand out from
@@ -114,6 +99,7 @@ pub(super) fn margin(space: &Space, units: &Units, ctl: &Ctl) -> Result<Option<M
         upper_bound: upper_bound(&solution, total),
         z,
         solved: solution.status == Status::Solved,
+        duals: [solution.duals[0].clone(), solution.duals[1].clone()],
     }))
 }
 
@@ -126,7 +112,7 @@ fn upper_bound(solution: &Solution, total: f64) -> f64 {
 }
 
 /// An orthonormal basis of the orthogonal complement of a vector, from one Householder reflection.
-fn complement(v: &DVector<f64>) -> DMatrix<f64> {
+pub(super) fn complement(v: &DVector<f64>) -> DMatrix<f64> {
     let n = v.len();
     let norm = v.norm();
     let mut w = v / norm;
@@ -137,15 +123,4 @@ fn complement(v: &DVector<f64>) -> DMatrix<f64> {
         let j = j + 1;
         f64::from(u8::from(i == j)) - beta * w[i] * w[j]
     })
-}
-
-/// The verdict on a margin.
-pub(super) fn verdict(t_star: f64) -> Verdict {
-    if t_star > UNDECIDED {
-        Verdict::Feasible
-    } else if t_star < -UNDECIDED {
-        Verdict::Infeasible
-    } else {
-        Verdict::Boundary
-    }
 }

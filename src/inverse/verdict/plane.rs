@@ -1,0 +1,369 @@
+//! Candidates for certificates, by a cutting plane over R.
+//!
+//! `max t` with `Q ⪰ tW`, `R ⪰ ρI`, `tr R = m`: `BᵀP = RK` leaves only those R for which `R·KB` (in sampled time
+//! `R·K(A − BK)⁻¹B`) is symmetric, m to m(m + 1)/2 unknowns, and `Q ⪰ tW` is the frequency inequality
+//! `φ(s)ᴴ M₀(R) φ(s) ⪰ tI` of [`Reduced`]. It is asked at a few frequencies, and at those where the best R violates
+//! it, until there are none.
+
+use super::certificate::{CLEAR, Dual, DualTest, FLOOR, Primal, PrimalTest, asymmetry_map};
+use super::distance;
+use super::reduced::Reduced;
+use crate::control::lyapunov::Clock;
+use crate::convex::lmi::{self, Block, LmiError, Problem, Solution};
+use crate::convex::svec;
+use crate::ctl::{Ctl, Stopped};
+use crate::inverse::reach::Core;
+use crate::num::linalg::{self, NoConvergence, symmetric};
+use nalgebra::{DMatrix, DVector};
+use num_complex::Complex64;
+
+/// Rounds at most.
+const ROUNDS: usize = 30;
+/// Frequencies added in a round.
+const ADDED: usize = 4;
+/// Relative duality gap of a round.
+const GAP: f64 = 1e-9;
+/// Shares of the best margin at which P is looked for.
+const LEVELS: [f64; 3] = [0.5, 0.1, 0.01];
+/// Shares of an exciting multiplier mixed into a dual.
+const MIXED: std::ops::RangeInclusive<i32> = -12..=-1;
+
+/// A certificate, if there is one.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Outcome {
+    Primal(Primal),
+    /// The multiplier and the frequencies that it is made of, in rad per unit of time.
+    Dual(Dual, Vec<f64>),
+    Neither,
+}
+
+/// Why there is no outcome.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum PlaneError {
+    Stopped(Stopped),
+    NoConvergence(NoConvergence),
+}
+
+impl From<Stopped> for PlaneError {
+    fn from(stopped: Stopped) -> Self {
+        Self::Stopped(stopped)
+    }
+}
+
+impl From<NoConvergence> for PlaneError {
+    fn from(error: NoConvergence) -> Self {
+        Self::NoConvergence(error)
+    }
+}
+
+/// R in m to m(m + 1)/2 unknowns, and what follows from it.
+struct Plane<'a> {
+    core: &'a Core,
+    reduced: &'a Reduced,
+    dual: DualTest<'a>,
+    /// `tr R = m`: R₀ and the directions.
+    weights: Vec<DMatrix<f64>>,
+    /// M₀ of them, over `scale`.
+    constants: Vec<DMatrix<f64>>,
+    scale: f64,
+}
+
+/// A frequency inequality: φᴴ M₀ φ of R₀ and the directions, as real matrices of twice the size.
+struct Cut {
+    omega: f64,
+    direction: DMatrix<Complex64>,
+    terms: Vec<DMatrix<f64>>,
+}
+
+/// The real symmetric matrix [X −Y; Y X] of a Hermitian X + jY.
+fn doubled(m: &DMatrix<Complex64>) -> DMatrix<f64> {
+    let d = m.nrows();
+    DMatrix::from_fn(2 * d, 2 * d, |i, j| {
+        let v = 0.5 * (m[(i % d, j % d)] + m[(j % d, i % d)].conj());
+        match (i < d, j < d) {
+            (true, true) | (false, false) => v.re,
+            (true, false) => -v.im,
+            (false, true) => v.im,
+        }
+    })
+}
+
+/// The Hermitian Z with `⟨D, [X −Y; Y X]⟩ = Re tr(Zᴴ(X + jY))`.
+fn halved(d: &DMatrix<f64>) -> DMatrix<Complex64> {
+    let m = d.nrows() / 2;
+    DMatrix::from_fn(m, m, |i, j| Complex64::new(d[(i, j)] + d[(i + m, j + m)], d[(i + m, j)] - d[(i, j + m)]))
+}
+
+fn combine(terms: &[DMatrix<f64>], z: &DVector<f64>) -> DMatrix<f64> {
+    let mut sum = terms[0].clone();
+    for (term, factor) in terms[1..].iter().zip(z.iter()) {
+        sum += term * *factor;
+    }
+    sum
+}
+
+/// A certificate for the core, or none.
+///
+/// # Errors
+/// [`PlaneError`] when stopped, or where a decomposition fails.
+pub(super) fn search(core: &Core, reduced: &Reduced, ctl: &Ctl) -> Result<Outcome, PlaneError> {
+    let Some((primal, dual)) = PrimalTest::new(core).zip(DualTest::new(core)) else { return Ok(Outcome::Neither) };
+    let m = core.ports();
+    let product = reduced.gain() * &core.b;
+    let (_, values, v) = linalg::svd(&asymmetry_map(&product))?;
+    let rounding = &core.rounding;
+    let moved = (&rounding.k * core.b.abs() + core.k.abs() * &rounding.b).norm() * 2.0;
+    let moved = moved * if core.clock == Clock::Sampled { reduced.gain().norm() / core.k.norm() } else { 1.0 };
+    let free = values.iter().filter(|s| **s <= moved).count() + svec::length(m) - values.len();
+    let basis: Vec<DMatrix<f64>> = v
+        .columns(svec::length(m) - free.max(m), free.max(m))
+        .column_iter()
+        .map(|c| svec::smat(c.clone_owned().as_slice(), m))
+        .collect();
+    let traces = DVector::from_iterator(basis.len(), basis.iter().map(DMatrix::trace));
+    if traces.norm() <= 1e-10 {
+        // No R of positive trace at all: T = I is orthogonal to all of them.
+        let found = dual.turned(&DMatrix::zeros(m, core.states()), &DMatrix::identity(m, m));
+        let plane = Plane { core, reduced, dual, weights: Vec::new(), constants: Vec::new(), scale: 1.0 };
+        return Ok(plane.certified(&found, Vec::new()));
+    }
+    let sum = |z: &DVector<f64>| basis.iter().zip(z.iter()).fold(DMatrix::zeros(m, m), |s, (b, f)| s + b * *f);
+    let mut weights = vec![sum(&(&traces * (m as f64 / traces.norm_squared())))];
+    let complement = crate::inverse::margin::complement(&traces);
+    weights.extend(complement.column_iter().map(|c| sum(&c.clone_owned())));
+    let (a, b, k) = (core.a.norm(), core.b.norm(), core.k.norm().max(f64::MIN_POSITIVE));
+    let plant = if core.clock == Clock::Continuous { a } else { 1.0 };
+    let scale = k * k + plant * k / b;
+    let constants = weights.iter().map(|r| reduced.constant(r) / scale).collect();
+    let plane = Plane { core, reduced, dual, weights, constants, scale };
+    plane.run(&primal, ctl)
+}
+
+impl Plane<'_> {
+    fn r(&self, z: &DVector<f64>) -> DMatrix<f64> {
+        symmetric(&combine(&self.weights, z))
+    }
+
+    fn cut(&self, omega: f64) -> Option<Cut> {
+        let direction = self.reduced.direction(omega)?;
+        let complex = |m: &DMatrix<f64>| m.map(|v| Complex64::new(v, 0.0));
+        let inner = |m0: &DMatrix<f64>| doubled(&(direction.adjoint() * complex(m0) * &direction));
+        let terms: Vec<_> = self.constants.iter().map(inner).collect();
+        terms.iter().all(|t| t.iter().all(|v| v.is_finite())).then_some(Cut { omega, direction, terms })
+    }
+
+    fn run(&self, primal: &PrimalTest<'_>, ctl: &Ctl) -> Result<Outcome, PlaneError> {
+        let unknowns = self.weights.len() - 1;
+        let m = self.core.ports();
+        let mut start = DVector::zeros(unknowns);
+        if unknowns > 0 {
+            let solution = maximise(&[(&self.weights, 1.0, 0.0)], unknowns, &start, ctl)?;
+            let Some(solution) = solution else { return Ok(Outcome::Neither) };
+            let best = solution.z[unknowns];
+            if best <= FLOOR * 1.01 {
+                let wanted = &solution.duals[0] - DMatrix::identity(m, m) * (best / m as f64);
+                let found = self.dual.turned(&DMatrix::zeros(m, self.core.states()), &wanted);
+                return Ok(self.certified(&found, Vec::new()));
+            }
+            start = solution.z.rows(0, unknowns).into_owned();
+        }
+        let mut cuts: Vec<Cut> = self.first_frequencies()?.into_iter().filter_map(|omega| self.cut(omega)).collect();
+        let mut fallback = Outcome::Neither;
+        for _ in 0..ROUNDS {
+            ctl.check()?;
+            let mut blocks: Vec<(&[DMatrix<f64>], f64, f64)> = vec![(&self.weights, 0.0, FLOOR)];
+            blocks.extend(cuts.iter().map(|cut| (&cut.terms[..], 1.0, 0.0)));
+            let Some(solution) = maximise(&blocks, unknowns, &start, ctl)? else { break };
+            let z = solution.z.rows(0, unknowns).into_owned();
+            let (low, high) = (solution.z[unknowns], -solution.dual_objective);
+            if high.max(low) <= 0.0 || low <= 0.0 {
+                let (n, frequencies) = self.multiplier(&solution, &cuts, &z);
+                let found = self.certified(&n, frequencies);
+                if found != Outcome::Neither || high.max(low) <= 0.0 {
+                    return Ok(found);
+                }
+            }
+            let r = self.r(&z);
+            let m0 = combine(&self.constants, &z);
+            let mut violated = self.violated(&m0, LEVELS[0] * low);
+            if violated.is_empty() {
+                for level in LEVELS {
+                    let shifted = (&m0 - &self.reduced.unit * (level * low)) * self.scale;
+                    let Some(p) = self.reduced.solve(&shifted, &r) else { continue };
+                    if let Some(found) = primal.check(&p, &r) {
+                        return Ok(Outcome::Primal(found));
+                    }
+                }
+                // Solvable on paper, and not within rounding: closer to the boundary than the data say.
+                let (n, frequencies) = self.multiplier(&solution, &cuts, &z);
+                fallback = self.certified(&n, frequencies);
+                break;
+            }
+            violated.retain(|omega| cuts.iter().all(|cut| (cut.omega - omega).abs() > 1e-12 * omega.abs()));
+            let before = cuts.len();
+            cuts.extend(violated.into_iter().filter_map(|omega| self.cut(omega)));
+            if cuts.len() == before {
+                let (n, frequencies) = self.multiplier(&solution, &cuts, &z);
+                fallback = self.certified(&n, frequencies);
+                break;
+            }
+            start = z;
+        }
+        Ok(fallback)
+    }
+
+    /// Zero, infinity, and some of the sizes of the eigenvalues.
+    fn first_frequencies(&self) -> Result<Vec<f64>, NoConvergence> {
+        let mut sizes: Vec<f64> = self.reduced.eigenvalues()?.iter().map(|v| v.norm()).filter(|v| *v > 0.0).collect();
+        sizes.sort_by(f64::total_cmp);
+        let mut all = vec![f64::INFINITY, 0.0];
+        all.extend((0..4).filter_map(|i| sizes.get(i * sizes.len().saturating_sub(1) / 3).copied()));
+        all.dedup();
+        Ok(all)
+    }
+
+    /// Frequencies where the inequality falls below a level, worst first.
+    fn violated(&self, m0: &DMatrix<f64>, level: f64) -> Vec<f64> {
+        let shifted = m0 - &self.reduced.unit * level;
+        let Some(crossings) = self.reduced.crossings(&shifted) else { return vec![f64::INFINITY] };
+        let mut places = vec![0.0];
+        for pair in crossings.windows(2) {
+            places.extend([pair[0], 0.5 * (pair[0] + pair[1])]);
+        }
+        if let Some(last) = crossings.last() {
+            places.extend([*last, 2.0 * last + f64::MIN_POSITIVE, 20.0 * last]);
+        }
+        let least = |omega: f64| -> Option<f64> {
+            let direction = self.reduced.direction(omega)?;
+            let inner = direction.adjoint() * shifted.map(|v| Complex64::new(v, 0.0)) * &direction;
+            Some(doubled(&inner).symmetric_eigenvalues().min())
+        };
+        let values: Vec<(f64, f64)> = places.into_iter().filter_map(|w| least(w).map(|v| (v, w))).collect();
+        let mut found: Vec<(f64, f64)> = (0..values.len())
+            .filter(|i| {
+                let neighbour = |j: Option<usize>| j.and_then(|j| values.get(j)).is_none_or(|v| v.0 >= values[*i].0);
+                values[*i].0 < -1e-3 * level.abs() && neighbour(i.checked_sub(1)) && neighbour(Some(i + 1))
+            })
+            .map(|i| values[i])
+            .collect();
+        found.sort_by(|x, y| x.0.total_cmp(&y.0));
+        found.into_iter().take(ADDED).map(|(_, omega)| omega).collect()
+    }
+
+    /// N of directions Z at a frequency.
+    fn at_frequency(&self, cut: &Cut, z: &DMatrix<Complex64>) -> DMatrix<f64> {
+        let complex = |m: &DMatrix<f64>| m.map(|v| Complex64::new(v, 0.0));
+        let states = complex(&self.reduced.coordinates) * &cut.direction;
+        let Ok(pseudo) = self.core.b.clone().pseudo_inverse(0.0) else { return DMatrix::zeros(0, 0) };
+        let closed = self.reduced.closed_loop();
+        if cut.omega.is_infinite() && self.reduced.clock() == Clock::Continuous {
+            let inputs = complex(&pseudo) * &states;
+            return (inputs * z * (complex(closed) * states).adjoint()).map(|v| v.re);
+        }
+        let point = self.reduced.point(cut.omega);
+        // B v = (s − A) x, and σ = v + Kx.
+        let moved = states.map(|v| v * point) - complex(&self.core.a) * &states;
+        let sigma = complex(&pseudo) * moved + complex(&self.core.k) * &states;
+        let plain = -(&sigma * z * states.adjoint()).map(|v| v.re);
+        match self.reduced.clock() {
+            Clock::Continuous => plain,
+            Clock::Sampled => {
+                let square = (&sigma * z * sigma.adjoint()).map(|v| v.re);
+                match closed.clone().lu().solve(&self.core.b) {
+                    Some(solved) => plain - symmetric(&square) * solved.transpose() * 0.5,
+                    None => plain,
+                }
+            }
+        }
+    }
+
+    /// The multiplier of a solution's duals, with the frequencies that it is made of.
+    fn multiplier(&self, solution: &Solution, cuts: &[Cut], z: &DVector<f64>) -> (DMatrix<f64>, Vec<f64>) {
+        let (m, n) = (self.core.ports(), self.core.states());
+        let mut sum = DMatrix::zeros(m, n);
+        let mut frequencies = Vec::new();
+        for (cut, dual) in cuts.iter().zip(&solution.duals[1..]) {
+            if dual.trace() > 1e-9 {
+                frequencies.push(self.reduced.frequency(cut.omega));
+            }
+            sum += self.at_frequency(cut, &halved(dual)) / self.scale;
+        }
+        frequencies.sort_by(f64::total_cmp);
+        let r = self.r(z);
+        let t = self.dual.inputs(&sum, &self.dual.states(&sum));
+        let mu = (r.dot(&t) - r.dot(&solution.duals[0])) / m as f64;
+        let wanted = &solution.duals[0] + DMatrix::identity(m, m) * mu;
+        (self.dual.turned(&sum, &wanted), frequencies)
+    }
+
+    /// The dual certificate of a multiplier with a little of one that excites every state.
+    fn certified(&self, n: &DMatrix<f64>, frequencies: Vec<f64>) -> Outcome {
+        let m = self.core.ports();
+        let mut exciting = DMatrix::zeros(m, self.core.states());
+        let poles = self.reduced.eigenvalues().unwrap_or_default();
+        let (low, high) =
+            poles.iter().map(|v| v.norm()).filter(|v| *v > 0.0).fold((1.0, 1.0), |(l, h), v| (v.min(l), v.max(h)));
+        let (low, high): (f64, f64) = (0.3 * low, 3.0 * high);
+        let count = self.core.states() / m + 4;
+        for i in 0..count {
+            let omega = low * (high / low).powf(i as f64 / (count - 1) as f64);
+            if let Some(direction) = self.reduced.direction(omega) {
+                let cut = Cut { omega, direction, terms: Vec::new() };
+                exciting += self.at_frequency(&cut, &DMatrix::identity(m, m));
+            }
+        }
+        let size =
+            |n: &DMatrix<f64>| self.dual.inputs(n, &self.dual.states(n)).norm().max(n.norm() * self.core.k.norm());
+        let (own, other) = (size(n), size(&exciting));
+        if !(own.is_finite() && own > 0.0 && other > 0.0) {
+            return Outcome::Neither;
+        }
+        // Of those that hold the one that holds farthest.
+        let mut best: Option<Dual> = None;
+        for power in MIXED {
+            let mixed = self.dual.prepared(&(n / own + &exciting * (10f64.powi(power) / other)));
+            let Some(ratio) = self.dual.ratio(&mixed, &self.core.rounding.k).filter(|r| *r > CLEAR) else { continue };
+            let change = distance::dual(self.core, &self.dual, &mixed);
+            if best.as_ref().is_none_or(|b| change > b.change) {
+                best = Some(Dual { n: mixed.n, ratio, change });
+            }
+        }
+        best.map_or(Outcome::Neither, |found| Outcome::Dual(found, frequencies))
+    }
+}
+
+/// A block `Σ z_i T_i` (T_0 the constant) that must exceed `share·t + floor`.
+type Asked<'a> = (&'a [DMatrix<f64>], f64, f64);
+
+/// `max t` over z from a start; `None` where that violates a block without t.
+fn maximise(
+    asked: &[(impl AsRef<[DMatrix<f64>]>, f64, f64)],
+    unknowns: usize,
+    start: &DVector<f64>,
+    ctl: &Ctl,
+) -> Result<Option<Solution>, Stopped> {
+    let asked: Vec<Asked<'_>> = asked.iter().map(|(terms, share, floor)| (terms.as_ref(), *share, *floor)).collect();
+    let block = |(terms, share, floor): &Asked<'_>| {
+        let d = terms[0].nrows();
+        let mut all: Vec<DMatrix<f64>> = terms[1..].to_vec();
+        all.push(DMatrix::identity(d, d) * -share);
+        Block::new(&terms[0] - DMatrix::identity(d, d) * *floor, all.iter())
+    };
+    let mut cost = DVector::zeros(unknowns + 1);
+    cost[unknowns] = -1.0;
+    let least = asked
+        .iter()
+        .filter(|(_, share, _)| *share > 0.0)
+        .map(|(terms, _, _)| combine(terms, start).symmetric_eigenvalues().min())
+        .fold(f64::INFINITY, f64::min);
+    let mut z = DVector::zeros(unknowns + 1);
+    z.rows_mut(0, unknowns).copy_from(start);
+    z[unknowns] = least - least.abs().max(1e-3);
+    let problem =
+        Problem { cost, quadratic: None, objective_scale: 1e-6, gap: GAP, blocks: asked.iter().map(block).collect() };
+    match lmi::solve(&problem, &z, ctl) {
+        Ok(solution) => Ok(Some(solution)),
+        Err(LmiError::Stopped(stopped)) => Err(stopped),
+        Err(LmiError::Infeasible { .. }) => Ok(None),
+    }
+}
