@@ -126,8 +126,8 @@ pub fn flatness(powers: impl Iterator<Item = f64> + Clone) -> f64 {
 }
 
 /// `b_m² Π max(1, |z_i|²)`: the geometric mean of `|G(e^{jθ})|²` over the whole circle for a stable G with the monic
-/// denominator that (11) has, and its factors b_m² and Π max(1, |z_i|²). Equation (13) has the first alone, which is all
-/// of it where every zero lies inside the circle (Jensen's formula). `None` where the zeros cannot be found.
+/// denominator that (11) has, and its factors b_m² and Π max(1, |z_i|²). Equation (13) has the first alone, which is
+/// all of it where every zero lies inside the circle (Jensen's formula). `None` where the zeros cannot be found.
 #[must_use]
 pub fn circle_mean(system: &TransferFunction<Discrete>) -> Option<[f64; 2]> {
     let zeros = system.zeros().ok()?;

@@ -52,7 +52,9 @@ pub enum MeasuredError {
         unknowns: usize,
     },
     /// A pole in the right half plane.
-    #[error("the model that fits best has a pole in the right half plane, which the data of a stable plant do not ask for")]
+    #[error(
+        "the model that fits best has a pole in the right half plane, which the data of a stable plant do not ask for"
+    )]
     Unstable,
 }
 
@@ -104,7 +106,8 @@ pub fn fit(measured: &Measured<'_>) -> Result<FittedPlant, MeasuredError> {
         let change = (&next - &found).norm();
         let size = next.norm();
         found = next;
-        let below = |s: &Complex64| (0..own).map(|j| found[j] * s.powu(j as u32)).sum::<Complex64>() + s.powu(own as u32);
+        let below =
+            |s: &Complex64| (0..own).map(|j| found[j] * s.powu(j as u32)).sum::<Complex64>() + s.powu(own as u32);
         before = points.iter().map(below).collect();
         if change <= SETTLED * size {
             break;

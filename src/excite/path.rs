@@ -6,9 +6,9 @@
 //!                                       and a person's force reaches the position through S P = P/(1 + C P)
 //! ```
 
+use crate::control::conversion::ConversionError;
 use crate::control::discretise::{self, DiscretiseError};
 use crate::control::simulate::{DelayLine, SimulationError};
-use crate::control::conversion::ConversionError;
 use crate::control::{
     Continuous, Discrete, StateSpace, System, TimeBase as _, TransferFunction, conversion, stability,
 };
@@ -202,9 +202,10 @@ impl SampledPlant {
         }
     }
 
-    /// The same plant, which answers to its input later: exactly, for any delay, where the input is held between samples
-    /// (Åström and Wittenmark 1997, section 2.3: with τ = (d + f) T, `x⁺ = Φ x + Γ₁ u_{k−d−1} + Γ₀ u_{k−d}`, `Γ₀ =
-    /// ∫₀^{(1−f)T} e^{As} ds B`, `Γ₁ = e^{A(1−f)T} ∫₀^{fT} e^{As} ds B`). Velocity and acceleration are differences then.
+    /// The same plant, which answers to its input later: exactly, for any delay, where the input is held between
+    /// samples (Åström and Wittenmark 1997, section 2.3: with τ = (d + f) T, `x⁺ = Φ x + Γ₁ u_{k−d−1} + Γ₀ u_{k−d}`,
+    /// `Γ₀ = ∫₀^{(1−f)T} e^{As} ds B`, `Γ₁ = e^{A(1−f)T} ∫₀^{fT} e^{As} ds B`). Velocity and acceleration are
+    /// differences then.
     ///
     /// # Errors
     /// [`PathError::Delay`].
@@ -244,7 +245,8 @@ impl SampledPlant {
             let older = pulse(late.a() * early.b(), direct)?;
             if newer.den() != older.den() {
                 // Both have the poles of one matrix.
-                return Err(ConversionError::IllConditioned { mismatch: 1.0 }).map_err(|e| DiscretiseError::from(e).into());
+                return Err(ConversionError::IllConditioned { mismatch: 1.0 })
+                    .map_err(|e| DiscretiseError::from(e).into());
             }
             let num = newer.num().mul(&Polynomial::new(vec![1.0, 0.0])).add(older.num());
             shifted(num.coefficients(), newer.den().coefficients(), whole as usize + 1)?
@@ -464,8 +466,8 @@ mod tests {
 
     #[test]
     fn a_delay_is_that_of_a_finer_clock() {
-        // At a tenth of the sample time every delay in tenths is whole: the held input of the coarse clock, delayed there,
-        // gives the same samples.
+        // At a tenth of the sample time every delay in tenths is whole: the held input of the coarse clock, delayed
+        // there, gives the same samples.
         let (coarse, fine) = (Discrete::new(0.01).unwrap(), Discrete::new(0.001).unwrap());
         let force: Vec<f64> = (0..60).map(|k| ((k * k) as f64 * 0.7).sin()).collect();
         let held: Vec<f64> = force.iter().flat_map(|u| [*u; 10]).collect();

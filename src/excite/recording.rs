@@ -12,8 +12,9 @@ use crate::num::fourier;
 use crate::num::linalg::least_squares;
 use nalgebra::{DMatrix, DVector};
 
-/// Independent pieces of the sequence in a window.
-const PIECES: f64 = 16.0;
+/// Independent pieces of the sequence in a window at least, and for each e-fold of delays that it may have: among D
+/// delays the largest correlation of m pieces by chance is about `√(2 ln D/m)`, here 0.41.
+const PIECES: [f64; 2] = [16.0, 12.0];
 /// Windows at most.
 const WINDOWS: usize = 64;
 /// Windows whose delay is sought over the whole sequence.
@@ -115,7 +116,9 @@ pub fn compare(record: &[f64], declared: &Declared, ctl: &Ctl) -> Result<Option<
         return Ok(None);
     }
     let n = pair.record.len();
-    let length = ((PIECES * declared.piece).ceil() as usize).max(n.div_ceil(WINDOWS)).clamp(4, n);
+    let span = if declared.is_periodic { declared.values.len() } else { n + declared.values.len() };
+    let pieces = PIECES[0].max(PIECES[1] * (span as f64 / declared.piece).max(2.0).ln());
+    let length = ((pieces * declared.piece).ceil() as usize).max(n.div_ceil(WINDOWS)).clamp(4.min(n), n);
     let count = n / length;
     let starts: Vec<usize> = (0..count).map(|i| i * length).collect();
     // The delay of a few windows over the whole sequence; the clearest leads the others.
@@ -177,10 +180,10 @@ impl Pair<'_> {
     fn near(&self, start: usize, length: usize, delay: f64) -> Window {
         let reach = (self.declared.piece / 4.0).clamp(8.0, 64.0) as isize;
         let centre = delay.round() as isize;
-        let found: Vec<f64> =
-            (centre - reach..=centre + reach).map(|d| self.correlation(start, length, d)).collect();
+        let found: Vec<f64> = (centre - reach..=centre + reach).map(|d| self.correlation(start, length, d)).collect();
         let best = (0..found.len()).max_by(|a, b| found[*a].total_cmp(&found[*b])).unwrap_or(0);
-        let offset = if best > 0 && best + 1 < found.len() { vertex([best - 1, best, best + 1].map(|i| found[i])) } else { 0.0 };
+        let offset =
+            if best > 0 && best + 1 < found.len() { vertex([best - 1, best, best + 1].map(|i| found[i])) } else { 0.0 };
         Window { start, delay: (centre - reach + best as isize) as f64 + offset, correlation: found[best] }
     }
 
@@ -211,10 +214,12 @@ impl Pair<'_> {
         let power = fourier::inverse_real_in_parts(&product(&transform(&ones)?, &transform(&squares)?), n, ctl)?;
         let energy: f64 = window.iter().map(|y| y * y).sum();
         let least = 1e-9 * power.iter().copied().fold(0.0, f64::max);
-        let value = |s: usize| if power[s] > least && energy > 0.0 { cross[s] / (power[s] * energy).sqrt() } else { 0.0 };
+        let value =
+            |s: usize| if power[s] > least && energy > 0.0 { cross[s] / (power[s] * energy).sqrt() } else { 0.0 };
         let best = (0..n).max_by(|a, b| value(*a).total_cmp(&value(*b))).unwrap_or(0);
         // Record sample start + k meets r_{k+s}: the delay is start − s.
-        let shift = if !self.declared.is_periodic && best >= period { best as isize - n as isize } else { best as isize };
+        let shift =
+            if !self.declared.is_periodic && best >= period { best as isize - n as isize } else { best as isize };
         let coarse = start as isize - shift;
         let delay = if self.declared.is_periodic { coarse.rem_euclid(period as isize) } else { coarse };
         let around = [-1, 0, 1].map(|d| self.correlation(start, length, delay + d));

@@ -44,7 +44,8 @@ fn the_flatness_of_the_reference_is_that_of_the_paper() {
         for band in ["2.5", "5", "10"] {
             let lines = sequence.harmonics.as_ref().unwrap();
             let found = band_flatness(&spectrum(sequence), lines, Some(Band::UpTo(band.parse().unwrap()))).unwrap();
-            // The reference stops at the band's end, the flatness at the first line past it: energy is of the same lines.
+            // The reference stops at the band's end, the flatness at the first line past it: energy is of the same
+            // lines.
             let spectrum = spectrum(sequence);
             let to_hz: f64 = band.parse().unwrap();
             let past = (found.highest_hz > to_hz * (1.0 + 1e-9)).then(|| (found.highest_hz * 48.4).round() as usize);

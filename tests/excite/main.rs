@@ -4,7 +4,10 @@
 
 #[path = "../support/chapter_five.rs"]
 mod chapter_five;
+#[path = "../support/property.rs"]
+mod property;
 
+mod cases;
 mod compensator;
 mod flatness;
 mod input_design;

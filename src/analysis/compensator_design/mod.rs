@@ -31,7 +31,8 @@ use crate::excite::spectrum::Spectrum;
 pub use inputs::CompensatorDesignInputs;
 use inputs::{PLANT, SIGNAL};
 pub use result::{
-    Action, BaselineResult, CompensatorDesignResult, CurveResult, FlatnessParts, RunnerUpResult, SearchResult, SectionResult,
+    Action, BaselineResult, CompensatorDesignResult, CurveResult, FlatnessParts, RunnerUpResult, SearchResult,
+    SectionResult,
 };
 pub use spec::{CompensatorDesignSpec, Structure, SweepSpec};
 
@@ -58,10 +59,10 @@ pub struct Plan {
 impl Analysis for Plan {
     const KIND: Kind = Kind::named("compensator_design");
     const TITLE: &'static str = "Design of a compensator";
-    const SUMMARY: &'static str = "The proportional control, lead, cascade or compensator of free order of a position loop (a manipulandum, a \
-        motion platform) that delivers a given signal with the flattest spectrum in a band, under limits on motion and \
-        force: impossible limits are refused with a bound, then a grid over the whole box and climbs from its best points, \
-        with stability proven (Qiu 2021, sections IV.B to IV.D).";
+    const SUMMARY: &'static str = "The proportional control, lead, cascade or compensator of free order of a position \
+        loop (a manipulandum, a motion platform) that delivers a given signal with the flattest spectrum in a band, \
+        under limits on motion and force: limits out of reach are refused with a bound, then a grid over the whole box \
+        and climbs from its best points, with stability proven (Qiu 2021, sections IV.B to IV.D).";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");
 
@@ -102,8 +103,9 @@ impl Analysis for Plan {
         let mut warnings = Vec::new();
 
         let found = search(&design, &region, limits, ctl).map_err(|error| problems::design(&error))?;
-        let judged =
-            design.judge(&found.compensator, limits, ctl).map_err(|error| problems::design(&DesignError::Path(error)))?;
+        let judged = design
+            .judge(&found.compensator, limits, ctl)
+            .map_err(|error| problems::design(&DesignError::Path(error)))?;
         let baseline = if !region.sections.is_empty() { self.baseline(&design, &region, limits, ctl)? } else { None };
         let mut curves = Vec::new();
         if let Some(asked) = &self.spec.sweep {
@@ -212,19 +214,15 @@ impl Plan {
                 let judged = design.judge(&found.compensator, limits, ctl);
                 judged.map(Some).map_err(|error| problems::design(&DesignError::Path(error)))
             }
-            Err(DesignError::NothingStable { .. } | DesignError::Limits { .. } | DesignError::Impossible(_)) => Ok(None),
+            Err(DesignError::NothingStable { .. } | DesignError::Limits { .. } | DesignError::Impossible(_)) => {
+                Ok(None)
+            }
             Err(error) => Err(problems::design(&error)),
         }
     }
 }
 
-fn warn(
-    found: &Found,
-    judged: &Judged,
-    baseline: Option<&Judged>,
-    reference_mean: f64,
-    warnings: &mut Vec<Warning>,
-) {
+fn warn(found: &Found, judged: &Judged, baseline: Option<&Judged>, reference_mean: f64, warnings: &mut Vec<Warning>) {
     let summary = &found.summary;
     if !summary.edges.is_empty() {
         let edges: Vec<String> = summary.edges.iter().map(Edge::to_string).collect();
@@ -245,8 +243,8 @@ fn warn(
     let delivered = judged.output_mean / reference_mean;
     if delivered < DELIVERED {
         let message = format!(
-            "the loop delivers {:.2} % of the signal's power in the band: the limits leave the device too weak to follow; \
-             raise them, or scale the signal's amplitude down",
+            "the loop delivers {:.2} % of the signal's power in the band: the limits leave the device too weak to \
+             follow; raise them, or scale the signal's amplitude down",
             100.0 * delivered
         );
         warnings.push(Warning::new("signal_not_delivered", message));
@@ -285,7 +283,8 @@ fn plant_warnings(fit: &PlantFit, design: &Design, judged: &Judged) -> Result<Ve
     let mut warnings = Vec::new();
     if fit.largest_misfit > POOR_FIT {
         let message = format!(
-            "the model of the measured plant misses it by {:.1} % at {} Hz; what is said of the loop is said of the model",
+            "the model of the measured plant misses it by {:.1} % at {} Hz; what is said of the loop is said of the \
+             model",
             100.0 * fit.largest_misfit,
             fit.largest_misfit_hz
         );
@@ -302,8 +301,8 @@ fn plant_warnings(fit: &PlantFit, design: &Design, judged: &Judged) -> Result<Ve
         .fold((0.0, 0.0), |most, v| if v.1 > most.1 { v } else { most });
     if product.1 >= 1.0 {
         let message = format!(
-            "the loop is stable with the model, and need not be with the measured plant: misfit times closed-loop gain is \
-             {:.2} at {} Hz, where 1 is the most that is safe; give more poles, or limit the gain",
+            "the loop is stable with the model, and need not be with the measured plant: misfit times closed-loop gain \
+             is {:.2} at {} Hz, where 1 is the most that is safe; give more poles, or limit the gain",
             product.1, product.0
         );
         warnings.push(Warning::new("stability_not_robust", message));

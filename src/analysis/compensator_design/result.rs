@@ -61,12 +61,9 @@ impl From<&Section> for SectionResult {
     fn from(section: &Section) -> Self {
         match *section {
             Section::First { zero_hz, pole_hz } => Self { zero_hz, zero_damping: None, pole_hz, pole_damping: None },
-            Section::Second { zero_hz, zero_damping, pole_hz, pole_damping } => Self {
-                zero_hz,
-                zero_damping: Some(zero_damping),
-                pole_hz,
-                pole_damping: Some(pole_damping),
-            },
+            Section::Second { zero_hz, zero_damping, pole_hz, pole_damping } => {
+                Self { zero_hz, zero_damping: Some(zero_damping), pole_hz, pole_damping: Some(pole_damping) }
+            }
         }
     }
 }

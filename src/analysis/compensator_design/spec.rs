@@ -118,8 +118,7 @@ fn threshold() -> f64 {
 impl Part for CompensatorDesignSpec {
     fn read(value: &Value, at: &str) -> Result<Self, Problem> {
         read(value, at, "unusable spec").map_err(|problem| {
-            problem
-                .mend(
+            problem.mend(
                 "A spec has structure (\"proportional\", \"lead\", \"cascade\" or \"free_order\") and band_hz (a \
                  number), and may have more.",
             )
@@ -222,7 +221,10 @@ impl CompensatorDesignSpec {
         for (name, value, most) in [("sections", self.sections, MOST_SECTIONS), ("order", self.order, MOST_ORDER)] {
             let least = if name == "sections" { 2 } else { 1 };
             if let Some(value) = value.filter(|v| !(least..=most).contains(v)) {
-                return Err(wrong(format!("{name} is {value}, and must be {least} to {most}"), format!("/spec/{name}")));
+                return Err(wrong(
+                    format!("{name} is {value}, and must be {least} to {most}"),
+                    format!("/spec/{name}"),
+                ));
             }
         }
         if matches!(self.structure, Structure::Cascade | Structure::FreeOrder) {

@@ -1,8 +1,8 @@
 //! How a signal resembles itself, and how well its past predicts it.
 
 use super::result::{AutocorrelationResult, CorrelationKind, PredictabilityResult};
-use crate::analysis::excitation::signal::Signal;
 use crate::analysis::contract::Failure;
+use crate::analysis::excitation::signal::Signal;
 use crate::analysis::problem::{Code, Problem};
 use crate::ctl::{Ctl, Stopped};
 use crate::excite::sequence::correlation;
@@ -52,9 +52,7 @@ pub(super) fn predictability(
 pub(super) fn autocorrelation(signal: &Signal, ctl: &Ctl) -> Result<AutocorrelationResult, Stopped> {
     let (record, samples) = signal.periods();
     let (values, kind) = match signal.period {
-        Some(n) => {
-            (correlation::periodic_autocorrelation(&record[..n], n / 2 + 1, ctl)?, CorrelationKind::Periodic)
-        },
+        Some(n) => (correlation::periodic_autocorrelation(&record[..n], n / 2 + 1, ctl)?, CorrelationKind::Periodic),
         None => (correlation::autocorrelation(record, samples / 2 + 1, ctl)?, CorrelationKind::Record),
     };
     let scale = if values[0] > 0.0 { values[0] } else { 1.0 };

@@ -36,8 +36,8 @@ pub use inputs::{ExcitationQualityInputs, SignalAndPath, TrackingTrial};
 use likeness::{autocorrelation, predictability};
 use passage::{path_result, slow_decay, travelled};
 pub use result::{
-    AutocorrelationResult, CorrelationKind, DeclaredResult, ExcitationQualityResult, JumpResult, FlatnessResult, LineRule, LinesResult, PathResult,
-    PredictabilityResult, SamplesResult, SignalResult,
+    AutocorrelationResult, CorrelationKind, DeclaredResult, ExcitationQualityResult, FlatnessResult, JumpResult,
+    LineRule, LinesResult, PathResult, PredictabilityResult, SamplesResult, SignalResult,
 };
 use serde_json::Value;
 pub use spec::{ExcitationQualitySpec, LineChoice, LineName, Quantity};
@@ -177,7 +177,14 @@ impl Analysis for Plan {
             autocorrelation,
             predictability,
             path: path.as_ref().map(path_result),
-            plant_fit: self.inputs.judged().plant.as_ref().map(|plant| plant.fit("/inputs/plant")).transpose()?.flatten(),
+            plant_fit: self
+                .inputs
+                .judged()
+                .plant
+                .as_ref()
+                .map(|plant| plant.fit("/inputs/plant"))
+                .transpose()?
+                .flatten(),
             motion,
             samples: self.spec.include_samples.then(|| SamplesResult {
                 sample_time_s: signal.sample_time_s,

@@ -159,8 +159,8 @@ pub struct DesignProof {
     pub tolerance: f64,
     /// Whether it is no larger than the tolerance: the certificate that the climb has converged.
     pub is_stationary: bool,
-    /// What the second order adds to the growth of such a step at most, as the same share; null of criteria that are not
-    /// quadratic in the input.
+    /// What the second order adds to the growth of such a step at most, as the same share; null of criteria that are
+    /// not quadratic in the input.
     pub second_order_bound: Option<f64>,
     /// The size of the region, in units of the input: δ_u, that the climb began with.
     pub trust_region: f64,

@@ -5,8 +5,8 @@ use super::spec::{PopulationInput, RobustInputDesignInputs, RobustInputDesignSpe
 use crate::analysis::problem::{Code, Problem};
 use crate::control::Discrete;
 use crate::ctl::Ctl;
-use crate::excite::robust::search::expected_evaluations;
 use crate::excite::robust::cost::AVERAGED;
+use crate::excite::robust::search::expected_evaluations;
 use crate::excite::robust::{GAMMA, Setting, THETA};
 use crate::plants::head_neck::{Axis, Population};
 
@@ -167,7 +167,8 @@ impl Checked {
             positive(given.edge_hz, "/spec/given/edge_hz")?;
             positive(given.width_m, "/spec/given/width_m")?;
             if given.edge_hz + 0.5 >= nyquist_hz {
-                let detail = format!("the stop band of an edge at {} Hz begins above the Nyquist frequency", given.edge_hz);
+                let detail =
+                    format!("the stop band of an edge at {} Hz begins above the Nyquist frequency", given.edge_hz);
                 return Err(wrong(detail, "/spec/given/edge_hz").mend("Lower the edge, or sample faster."));
             }
         }
@@ -280,7 +281,7 @@ impl Checked {
             ),
             "cost: penalties averaged over the draws and summed over the samples (the source sums over both); W_e = 1"
             .to_owned(),
-            "nominal experiment: the best for the average subject over the whole range, from a grid and a compass search"
+            "nominal experiment: the best for the average subject in the whole range, by a grid and a compass search"
                 .to_owned(),
             "fits: by Levenberg-Marquardt from the true parameters within the population's box (the source: a bounded \
              simplex search)"
@@ -290,9 +291,9 @@ impl Checked {
             } else {
                 format!(
                     "average subject: k_p {k_p}, k_d {k_d}, k_i {k_i}, tau {tau} s, which fits the mean response of \
-                     {AVERAGED} subjects drawn from the population best while the target steps by half the largest angle \
-                     of linear motion every 2.5 s (the source's θ_A, the best fit to the mean of 8 preliminary trials, \
-                     is not printed)"
+                     {AVERAGED} subjects drawn from the population best while the target steps by half the largest \
+                     angle of linear motion every 2.5 s (the source's θ_A, the best fit to the mean of 8 preliminary \
+                     trials, is not printed)"
                 )
             },
             format!(

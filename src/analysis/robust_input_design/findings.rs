@@ -83,8 +83,8 @@ pub(super) fn warnings(
 pub(super) fn conclusion(nominal: &FreshResult, robust: &FreshResult, difference: &DifferenceResult) -> String {
     let [lower, upper] = difference.interval;
     let figures = format!(
-        "with fresh draws its worst subject costs {:.4} where the nominal experiment's costs {:.4}, a difference of {:.4} \
-         ({lower:.4} to {upper:.4})",
+        "with fresh draws its worst subject costs {:.4} where the nominal experiment's costs {:.4}, a difference of \
+         {:.4} ({lower:.4} to {upper:.4})",
         robust.cost, nominal.cost, difference.mean
     );
     match difference.verdict {

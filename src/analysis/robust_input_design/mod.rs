@@ -22,8 +22,8 @@ use super::inputs::library::Library;
 use super::kind::Kind;
 use super::problem::{Code, Problem};
 use crate::ctl::Ctl;
-use crate::excite::robust::search::expected_evaluations;
 use crate::excite::robust::cost::TOLERANCE;
+use crate::excite::robust::search::expected_evaluations;
 use crate::excite::robust::{Draw, DrawCost, Search, Worst, costs, draws};
 use crate::excite::sequence::SequenceError;
 use crate::num::distributions::student_t;
@@ -31,12 +31,13 @@ use crate::num::stats::{mean, standard_deviation};
 use checked::Checked;
 use refusal::wrong;
 pub use result::{
-    CostDifference, CostParts, DesignResult, DifferenceResult, FreshResult, GivenResult, IterationResult, RobustInputDesignResult, RobustVerdict,
-    SubjectCost,
+    CostDifference, CostParts, DesignResult, DifferenceResult, FreshResult, GivenResult, IterationResult,
+    RobustInputDesignResult, RobustVerdict, SubjectCost,
 };
 use serde_json::Value;
 pub use spec::{
-    ControllerRanges, ExperimentSpec, GivenExperiment, PopulationInput, RobustInputDesignInputs, RobustInputDesignSpec, SubjectSpec,
+    ControllerRanges, ExperimentSpec, GivenExperiment, PopulationInput, RobustInputDesignInputs, RobustInputDesignSpec,
+    SubjectSpec,
 };
 
 /// The level of the intervals.

@@ -146,9 +146,9 @@ pub struct GivenExperiment {
 pub struct RobustInputDesignSpec {
     /// Which experiments are considered.
     pub experiment: ExperimentSpec,
-    /// θ_A: whom the nominal experiment is designed for, and where the min-max starts. Default: as the thesis defines it,
-    /// the subject that fits the mean response of eight best; here of eight simulated subjects of the population whose
-    /// target steps.
+    /// θ_A: whom the nominal experiment is designed for, and where the min-max starts. Default: as the thesis defines
+    /// it, the subject that fits the mean response of eight best; here of eight simulated subjects of the population
+    /// whose target steps.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub average_subject: Option<SubjectSpec>,
     /// An experiment that is at hand: its worst subject is sought, and it is compared with the nominal and the robust

@@ -6,10 +6,11 @@
 //! Σ_k u_k z^{−k} = C(z)/(1 + C(z) P(z)) · Σ_k r_k z^{−k},     so     peak |u| ≥ |Σ u_k z^{−k}| / Σ z^{−k}
 //! ```
 //! `C/(1 + C P) = 1/(1/C + P)` grows with C(z) wherever the loop is stable (there `1 + C P > 0`), C(z) grows with the
-//! gain and the zeros and falls with the poles, so that one corner of a box bounds the force of every compensator in it;
-//! likewise the position, `1/(1 + 1/(C P))`, and, by the maximum principle outside the unit circle, `‖S P‖∞ ≥ 1/(C(z) +
-//! 1/P(z))`. A compensator whose closed-loop polynomial has the wrong sign at z = ±ρ has a root beyond the radius ρ that
-//! the decay asks for, and does not count. Boxes are cut in two where the bound is lowest (branch and bound).
+//! gain and the zeros and falls with the poles, so that one corner of a box bounds the force of every compensator in
+//! it; likewise the position, `1/(1 + 1/(C P))`, and, by the maximum principle outside the unit circle, `‖S P‖∞ ≥
+//! 1/(C(z) + 1/P(z))`. A compensator whose closed-loop polynomial has the wrong sign at z = ±ρ has a root beyond the
+//! radius ρ that the decay asks for, and does not count. Boxes are cut in two where the bound is lowest (branch and
+//! bound).
 //!
 //! The reference may go on after the record as it likes; what that could add is left out where z^{−N} is below 1e-30,
 //! which is far below rounding for every loop whose gain from reference to force is a number of working precision.
@@ -93,7 +94,8 @@ pub fn impossible(design: &Design, region: &SearchBox, limits: &DesignLimits) ->
         ("position", Quantity::Position, limits.position),
         ("disturbance_norm", Quantity::DisturbanceNorm, limits.disturbance_norm),
     ];
-    let limited: Vec<_> = all.into_iter().filter_map(|(name, quantity, limit)| Some((name, quantity, limit?))).collect();
+    let limited: Vec<_> =
+        all.into_iter().filter_map(|(name, quantity, limit)| Some((name, quantity, limit?))).collect();
     if limited.is_empty() {
         return None;
     }

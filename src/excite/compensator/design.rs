@@ -3,8 +3,8 @@
 use super::controller::Compensator;
 use super::following::{Following, Limited};
 use super::norm::NormGrid;
-use crate::ctl::Ctl;
 use crate::control::{System, TimeBase as _, stability};
+use crate::ctl::Ctl;
 use crate::excite::flatness::flatness;
 use crate::excite::motion::{Motion, MotionLimits, MotionSummary};
 use crate::excite::path::{Path, PathError, SampledPlant};
@@ -218,12 +218,7 @@ impl Design {
     ///
     /// # Errors
     /// [`PathError`], of which [`PathError::Unstable`].
-    pub fn judge(
-        &self,
-        compensator: &Compensator,
-        limits: &DesignLimits,
-        ctl: &Ctl,
-    ) -> Result<Judged, PathError> {
+    pub fn judge(&self, compensator: &Compensator, limits: &DesignLimits, ctl: &Ctl) -> Result<Judged, PathError> {
         let path = self.path(compensator)?;
         let time = self.plant.time();
         let blsfg = self.blsfg(compensator);
@@ -263,12 +258,14 @@ impl Design {
         };
         let quick = self.quick(limits);
         let enough = |limit: f64| if is_enough { limit * WITHIN } else { f64::INFINITY };
-        let Some(following) = self.following.as_ref().and_then(|following| following.with(compensator)) else {
-            return f64::INFINITY;
-        };
-        for (_, limited, limit) in &quick {
-            if over(following.peak(*limited, enough(*limit)), *limit) {
-                return most;
+        if !quick.is_empty() {
+            let Some(following) = self.following.as_ref().and_then(|following| following.with(compensator)) else {
+                return f64::INFINITY;
+            };
+            for (_, limited, limit) in &quick {
+                if over(following.peak(*limited, enough(*limit)), *limit) {
+                    return most;
+                }
             }
         }
         if let Some(limit) = limits.disturbance_norm
@@ -310,24 +307,38 @@ impl Design {
             ("power", Limited::Power, limits.power),
         ];
         let known = |limited| self.following.as_ref().is_some_and(|following| following.knows(limited));
-        all.into_iter().filter(|(_, limited, _)| known(*limited)).filter_map(|(n, l, limit)| Some((n, l, limit?))).collect()
+        all.into_iter()
+            .filter(|(_, limited, _)| known(*limited))
+            .filter_map(|(n, l, limit)| Some((n, l, limit?)))
+            .collect()
     }
 
-    /// Those for which the motion must be simulated: velocity, acceleration and power as differences of samples.
+    /// Those for which the motion must be simulated: velocity, acceleration and power as differences of samples, and
+    /// all of a plant without a state space form.
     fn slow(&self, compensator: &Compensator, limits: &DesignLimits) -> Vec<(&'static str, f64, f64)> {
-        let knows = |limited| self.following.as_ref().is_some_and(|following| following.knows(limited));
-        if knows(Limited::Velocity) {
-            return Vec::new();
-        }
-        let motion = MotionLimits { force: None, position: None, ..limits.motion() };
+        let unknown = |limited: Limited, limit: Option<f64>| {
+            limit.filter(|_| !self.following.as_ref().is_some_and(|following| following.knows(limited)))
+        };
+        let motion = MotionLimits {
+            position: unknown(Limited::Position, limits.position),
+            velocity: unknown(Limited::Velocity, limits.velocity),
+            acceleration: unknown(Limited::Acceleration, limits.acceleration),
+            force: unknown(Limited::Force, limits.force),
+            power: unknown(Limited::Power, limits.power),
+        };
         if motion.is_empty() {
             return Vec::new();
         }
         let Ok(summary) = self.path(compensator).and_then(|path| self.motion(&path, &motion, &Ctl::new())) else {
             return vec![("motion", f64::INFINITY, 1.0)];
         };
-        let named =
-            [("velocity", summary.velocity), ("acceleration", summary.acceleration), ("power", summary.power)];
+        let named = [
+            ("position", summary.position),
+            ("velocity", summary.velocity),
+            ("acceleration", summary.acceleration),
+            ("force", summary.force),
+            ("power", summary.power),
+        ];
         let limited = |(name, extent): (&'static str, Option<crate::excite::motion::Extent>)| {
             let extent = extent?;
             Some((name, extent.peak, extent.limit?))

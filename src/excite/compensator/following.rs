@@ -1,10 +1,10 @@
 //! What a loop asks for while it follows the reference from rest: peaks, quickly, for comparing many compensators.
 //!
 //! The loop of plant and compensator is `x⁺ = A x + B r`, and whatever is limited is a row `c x + d r` (or, of power, a
-//! product of two). A sequence stands still between its chips: over a piece of constant r the row's values are `h_i x₀ +
-//! g_i r` with `h_i = c A^i` and `g_i = d + Σ_{j<i} c A^j B`, the same for every piece. With `[h g] = Q R` no value of a
-//! piece is larger than `max‖q_i‖ ‖R (x₀, r)‖`, and pieces that cannot hold the peak are left out. A reference without
-//! such pieces is followed sample by sample.
+//! product of two). A sequence stands still between its chips: over a piece of constant r the row's values are `h_i x₀
+//! + g_i r` with `h_i = c A^i` and `g_i = d + Σ_{j<i} c A^j B`, the same for every piece. With `[h g] = Q R` no value
+//! of a piece is larger than `max‖q_i‖ ‖R (x₀, r)‖`, and pieces that cannot hold the peak are left out. A reference
+//! without such pieces is followed sample by sample.
 
 use super::controller::{Compensator, Section};
 use crate::control::discretise::zero_order_hold_state_space;
@@ -244,7 +244,8 @@ impl FollowingLoop<'_> {
     }
 
     fn peak_of_samples(&self, quantity: &Quantity, values: &[f64], enough: f64) -> f64 {
-        let at = |row: &Row, state: &[f64], r: f64| row.d * r + row.c.iter().zip(state).map(|(c, x)| c * x).sum::<f64>();
+        let at =
+            |row: &Row, state: &[f64], r: f64| row.d * r + row.c.iter().zip(state).map(|(c, x)| c * x).sum::<f64>();
         let (mut state, mut next) = (vec![0.0; self.n], vec![0.0; self.n]);
         let mut peak = 0.0_f64;
         for r in values {
@@ -437,3 +438,6 @@ impl Stretch {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

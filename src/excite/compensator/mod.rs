@@ -7,10 +7,10 @@
 //! subject to  every root of the closed loop inside the unit circle (Jury, proven with rounding bounded),
 //!             and the limits given
 //! ```
-//! The problem is not convex. Limits that [`impossible()`] proves to be out of reach are refused first. With one section
-//! at most, [`search()`] looks at a grid over the whole box and climbs from its best local maxima; with more it begins
-//! with the best of one section less. What it reports says how many climbs ended in the answer, what the next best one
-//! was, and which edges of the box hold the answer.
+//! The problem is not convex. Limits that [`impossible()`] proves to be out of reach are refused first. With one
+//! section at most, [`search()`] looks at a grid over the whole box and climbs from its best local maxima; with more it
+//! begins with the best of one section less. What it reports says how many climbs ended in the answer, what the next
+//! best one was, and which edges of the box hold the answer.
 
 mod ascent;
 mod bound;

@@ -6,7 +6,8 @@ use crate::excite::peak::{Peak, golden, grid};
 use crate::num::{Complex64, Polynomial};
 use std::f64::consts::PI;
 
-/// Maxima of the grid below this share of the largest are not refined: the points at the poles look at every narrow one.
+/// Maxima of the grid below this share of the largest are not refined: the points at the poles look at every narrow
+/// one.
 const WORTH: f64 = 0.5;
 
 /// The grid of frequencies, and the plant there.

@@ -171,9 +171,9 @@ impl Information {
         Some(DVector::from_vec(gradient))
     }
 
-    /// What the second order adds to a step's growth of T at most: `M(u + d) = M(u) + (first order) + S(d)ᵀS(d)` exactly,
-    /// and with `|d_k| ≤ δ` no sample of a sensitivity is larger than `δ Σ|h|`. `None` of the other criteria, whose
-    /// growth is not quadratic.
+    /// What the second order adds to a step's growth of T at most: `M(u + d) = M(u) + (first order) + S(d)ᵀS(d)`
+    /// exactly, and with `|d_k| ≤ δ` no sample of a sensitivity is larger than `δ Σ|h|`. `None` of the other criteria,
+    /// whose growth is not quadratic.
     #[must_use]
     pub fn second_order_bound(&self, criterion: Criterion, radius: f64) -> Option<f64> {
         let weight = |scale: f64| match criterion {

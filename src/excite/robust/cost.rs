@@ -1,12 +1,12 @@
 //! What an experiment costs with one subject: how far fits are from the truth, and how far the motion goes beyond the
 //! limits.
 
+use super::fit::fit;
+use super::sampled::{Sampled, State};
 use crate::control::Discrete;
 use crate::control::parametric::{Differentiated, ParametricModel};
 use crate::ctl::{Ctl, Stopped};
 use crate::excite::sequence::{FilteredNoise, Generator, Screen, SequenceError, SequenceSpec};
-use super::fit::fit;
-use super::sampled::{Sampled, State};
 use crate::num::rng::stream;
 use crate::plants::head_neck::{COUNT, Drive, HeadNeck, Population};
 use rand::RngExt;
@@ -158,9 +158,9 @@ impl Setting {
         Some(self.motion(theta, target, draw)?.iter().map(|m| m[0]).collect())
     }
 
-    /// θ_A: the subject whose response fits the mean response of [`AVERAGED`] subjects best, as the thesis has it of its
-    /// preliminary trials (§2.2.3), in which the target steps. The subjects are drawn uniformly from the population,
-    /// bodies and muscle noise with them. The middle of the population where no fit is possible.
+    /// θ_A: the subject whose response fits the mean response of [`AVERAGED`] subjects best, as the thesis has it of
+    /// its preliminary trials (§2.2.3), in which the target steps. The subjects are drawn uniformly from the
+    /// population, bodies and muscle noise with them. The middle of the population where no fit is possible.
     ///
     /// # Errors
     /// [`Stopped`] when `ctl` says so.
@@ -169,9 +169,8 @@ impl Setting {
         let middle = boxes.map(|[lower, upper]| 0.5 * (lower + upper));
         let period = (STEP_S / self.time.period_s()).max(1.0);
         let size = 0.5 * self.population.angle_rad;
-        let target: Vec<f64> = (0..self.samples())
-            .map(|k| if (k as f64 / period) as usize % 2 == 1 { size } else { 0.0 })
-            .collect();
+        let target: Vec<f64> =
+            (0..self.samples()).map(|k| if (k as f64 / period) as usize % 2 == 1 { size } else { 0.0 }).collect();
         let mut mean = vec![0.0; target.len()];
         let mut random = stream(seed, "excite/robust/average");
         for draw in draws(self, AVERAGED, seed, "average") {
@@ -299,7 +298,8 @@ pub(super) mod tests {
         assert!(found[0].converged && found[0].error < 1e-12, "{found:?}");
         // The excursions of a motion that is computed here anew.
         let wide = setting.target([0.8, 2.0], &Ctl::new()).unwrap();
-        let found = costs(&setting, [2.5, 0.25, 16.0, 0.27], &wide, &draw, 1e-5, f64::INFINITY, &Ctl::new()).unwrap()[0];
+        let found =
+            costs(&setting, [2.5, 0.25, 16.0, 0.27], &wide, &draw, 1e-5, f64::INFINITY, &Ctl::new()).unwrap()[0];
         let model = setting.model(&[2.5, 0.25, 16.0, 0.27], setting.population.body, false).unwrap();
         let (seen, _) = seen(&wide, 0.27, 0.02);
         let input = DMatrix::from_fn(wide.len(), 2, |k, j| if j == 0 { seen[k] } else { 0.0 });

@@ -1,8 +1,8 @@
 //! The fit of one record: `min_{θ̂ ∈ Θ} Σ_k (ŷ_k − y_k)²` with the mean body and without noise.
 //!
-//! Levenberg and Marquardt's method with projection on the box. Normal equations are summed while the loop is simulated,
-//! so that an evaluation touches each sample once and keeps nothing: four unknowns of like size lose no digits by that,
-//! and a search fits a hundred thousand records.
+//! Levenberg and Marquardt's method with projection on the box. Normal equations are summed while the loop is
+//! simulated, so that an evaluation touches each sample once and keeps nothing: four unknowns of like size lose no
+//! digits by that, and a search fits a hundred thousand records.
 
 use super::cost::{Setting, seen};
 use super::sampled::{Sampled, State};

@@ -90,7 +90,15 @@ impl<'a> Search<'a> {
     /// A search over Γ with these draws.
     #[must_use]
     pub fn new(setting: &'a Setting, gamma_box: [[f64; 2]; 2], draws: &'a [Draw], ctl: &'a Ctl) -> Self {
-        Self { setting, gamma_box, draws, ctl, targets: BTreeMap::new(), known: BTreeMap::new(), bounds: BTreeMap::new() }
+        Self {
+            setting,
+            gamma_box,
+            draws,
+            ctl,
+            targets: BTreeMap::new(),
+            known: BTreeMap::new(),
+            bounds: BTreeMap::new(),
+        }
     }
 
     /// J(θ, γ); every evaluation advances the progress by one.
@@ -113,8 +121,7 @@ impl<'a> Search<'a> {
             let target = self.setting.target(gamma, self.ctl)?;
             self.targets.insert([e, w], target);
         }
-        let found =
-            costs(self.setting, theta, &self.targets[&[e, w]], self.draws, TOLERANCE[0], enough, self.ctl)?;
+        let found = costs(self.setting, theta, &self.targets[&[e, w]], self.draws, TOLERANCE[0], enough, self.ctl)?;
         let cost = found.iter().map(DrawCost::total).sum::<f64>() / found.len().max(1) as f64;
         if cost >= enough {
             self.bounds.insert(key, cost);
@@ -125,8 +132,8 @@ impl<'a> Search<'a> {
         Ok(cost)
     }
 
-    /// The best of a start and of a grid over Γ for one subject: the cost has several valleys, and the experiment that is
-    /// best for the average subject is that of the whole of Γ.
+    /// The best of a start and of a grid over Γ for one subject: the cost has several valleys, and the experiment that
+    /// is best for the average subject is that of the whole of Γ.
     fn best_of_grid(&mut self, theta: [f64; 4], start: [f64; 2]) -> Result<[f64; 2], SequenceError> {
         let mut best = (self.cost(theta, start)?, start);
         for i in 0..GRID {
@@ -277,7 +284,8 @@ impl<'a> Search<'a> {
         rounds: usize,
     ) -> Result<Outcome, SequenceError> {
         let start = self.best_of_grid(average, start)?;
-        let (gamma, nominal_cost) = self.compass(start, &|search, gamma, enough| search.cost_below(average, gamma, enough))?;
+        let (gamma, nominal_cost) =
+            self.compass(start, &|search, gamma, enough| search.cost_below(average, gamma, enough))?;
         let nominal = self.worst(gamma, &[average])?;
         let trace = self.min_max(average, start, iterations)?;
         let last = trace.last().copied().unwrap_or(Trace { theta: average, gamma: start, cost: f64::INFINITY });

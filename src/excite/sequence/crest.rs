@@ -1,10 +1,10 @@
 //! The crest factor of a multisine, and phases that make it small.
 //!
 //! From each start the phases first minimise p-norms of growing p (Guillaume, Schoukens, Pintelon and Kollár 1991), for
-//! many lines after swaps between the clipped signal and its amplitudes (Van der Ouderaa, Schoukens and Renneboog 1988).
-//! The largest p-norm is still a percent from the peak, so that the peak itself is minimised last: a linear program over
-//! a trust region holds all peaks that may matter below one level (Madsen 1975, sequential linear minimax), and the
-//! region grows or shrinks with what the true peak does.
+//! many lines after swaps between the clipped signal and its amplitudes (Van der Ouderaa, Schoukens and Renneboog
+//! 1988). The largest p-norm is still a percent from the peak, so that the peak itself is minimised last: a linear
+//! program over a trust region holds all peaks that may matter below one level (Madsen 1975, sequential linear
+//! minimax), and the region grows or shrinks with what the true peak does.
 
 use super::error::SequenceError;
 use super::multisine::Line;

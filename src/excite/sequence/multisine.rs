@@ -280,7 +280,8 @@ impl Multisine {
             }
         };
         let continuous_crest_factor = Some(crest::crest_factor(&lines, &phases));
-        let details = SequenceDetails { phases_rad: Some(phases), continuous_crest_factor, ..SequenceDetails::default() };
+        let details =
+            SequenceDetails { phases_rad: Some(phases), continuous_crest_factor, ..SequenceDetails::default() };
         let harmonics = Some(lines.iter().map(|line| line.harmonic as usize).collect());
         Ok(Sequence { sample_time_s, values, period: Some(period), harmonics, chip_s: None, details })
     }
