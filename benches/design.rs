@@ -2,12 +2,15 @@
 //!
 //! `cargo bench --bench design` asserts the targets of one core: the case of Priess 2015, chapter 5 (300 samples) from
 //! the 63-chip sequence to
-//! 1.93 times its information in 2 s, and 1,200 samples in 60 s. `-- --smoke` asserts no times and leaves the long one
-//! out.
+//! 1.93 times its information in 2 s, and 1,200 samples in 60 s. It prints the times of the longest kinds of excitation
+//! as documented, and how long the judgement of two million samples takes to stop when told at random moments.
+//! `-- --smoke` asserts no times and leaves the long ones out.
 #![allow(unreachable_pub, clippy::unwrap_used, clippy::print_stdout)]
 
-use std::time::Instant;
-use volition::ctl::Ctl;
+use serde_json::{Value, json};
+use std::time::{Duration, Instant};
+use volition::analysis::{Failure, Library, Plan, Request};
+use volition::ctl::{Ctl, StopReason};
 use volition::excite::design::{Criterion, Settings, climb};
 
 #[path = "../tests/support/chapter_five.rs"]
@@ -19,7 +22,63 @@ fn main() {
     run(300, 2.0, !smoke);
     if !smoke {
         run(1200, 60.0, true);
+        let lead = json!({"structure": "lead", "band_hz": 5, "limits": {"force": 2000, "disturbance_norm": 0.001}});
+        let signal = json!({
+            "generator": {"kind": "prts", "order": 5, "chip_s": 0.2, "amplitude": 0.05}, "sample_time_s": 0.001
+        });
+        let drive = json!({"mass_kg": 10, "damping_ns_per_m": 50});
+        kind("compensator_design", &json!({"plant": drive, "signal": signal}), &lead);
+        kind("robust_input_design", &json!({"axis": "flexion_extension"}), &json!({"draws": 16}));
+        stops();
     }
+}
+
+fn plan(kind: &str, inputs: &Value, spec: &Value) -> Plan {
+    Plan::parse(&Request { kind: kind.to_owned(), inputs: inputs.clone(), spec: spec.clone() }).unwrap()
+}
+
+/// The time of one analysis, on the threads of the pool.
+fn kind(name: &str, inputs: &Value, spec: &Value) {
+    let plan = plan(name, inputs, spec);
+    let begin = Instant::now();
+    let report = plan.run(&Library::default(), &Ctl::new()).unwrap();
+    println!("{name}: {:.2} s on {} threads", begin.elapsed().as_secs_f64(), rayon::current_num_threads());
+    if let Some(conclusion) = report.result["conclusion"].as_str() {
+        println!("  {conclusion}");
+    }
+}
+
+/// From being told to being over, of the largest record: two million samples, and a prime number of them.
+fn stops() {
+    let mut worst = Duration::ZERO;
+    for samples in [2_000_000_usize, 1_999_993] {
+        let values: Vec<f64> = (0..samples).map(|k| ((k * k % 1009) as f64 * 0.37).sin()).collect();
+        let inputs = json!({
+            "signal": {"samples": values, "sample_time_s": 0.001},
+            "plant": {"mass_kg": 10, "damping_ns_per_m": 50}, "controller": {"num": [2500], "den": [1]}
+        });
+        let plan = plan("excitation_quality", &inputs, &json!({}));
+        let begin = Instant::now();
+        plan.run(&Library::default(), &Ctl::new()).unwrap();
+        let whole = begin.elapsed();
+        for part in 0..8 {
+            let (ctl, wait) = (Ctl::new(), whole * part / 8);
+            let late = std::thread::scope(|scope| {
+                let told = scope.spawn(|| {
+                    std::thread::sleep(wait);
+                    ctl.stop(StopReason::Cancelled);
+                    Instant::now()
+                });
+                let outcome = plan.run(&Library::default(), &ctl);
+                let over = Instant::now();
+                let told = told.join().unwrap();
+                matches!(outcome, Err(Failure::Stopped(_))).then(|| over.saturating_duration_since(told))
+            });
+            worst = worst.max(late.unwrap_or_default());
+        }
+        println!("excitation_quality of {samples} samples: {:.2} s", whole.as_secs_f64());
+    }
+    println!("  stops within {:.3} s (target 0.5 s)", worst.as_secs_f64());
 }
 
 fn run(samples: usize, target_s: f64, strict: bool) {

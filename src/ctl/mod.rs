@@ -89,6 +89,9 @@ impl Drop for Scope<'_> {
         if course.scopes.len() > 1 {
             course.scopes.pop();
         }
+    }
+}
+
 /// Whether a computation was asked to stop, for a callback of a library that outlives the borrow of its [`Ctl`].
 #[derive(Debug, Clone)]
 pub struct StopFlag(Arc<AtomicU8>);

@@ -3,13 +3,16 @@
 //! ```text
 //! γ²       = exp(mean ln S_n) / mean S_n                     (2), over the lines n that carry power
 //! γ²(f_ub) = the same over the lines of a band               (15)
-//! SFG      = γ_y²/γ_x²                                       (7), (16)
+//! SFG      = γ_y²/γ_x² = η_G² R_xx(0)/R_yy(0)                  (7), (16)
+//! η_G²     = b_m² Π max(1, |z_i|²) over the whole circle       (13), with the zeros outside of it that (13) leaves out
+//! V_n      = ln(S_n/σ²),   μ = −mean V_n = −ln γ²              (21), (24), (25)
 //! ```
 //! Which lines carry power is known from how a signal was made, never from the size of a computed number; lines without
 //! any (0 Hz and the even ones of a ternary sequence, say) do not count. A band reaches up to and including the first
 //! line at or above its upper end, which is what reproduces the printed γ_r²(5 Hz) = 0.3896 and γ_r²(10 Hz) = 0.1921.
 
 use super::spectrum::Spectrum;
+use crate::control::{Discrete, TransferFunction};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -122,12 +125,26 @@ pub fn flatness(powers: impl Iterator<Item = f64> + Clone) -> f64 {
     (logs / count).exp() * count / sum
 }
 
+/// `b_m² Π max(1, |z_i|²)`: the geometric mean of `|G(e^{jθ})|²` over the whole circle for a stable G with the monic
+/// denominator that (11) has, and its factors b_m² and Π max(1, |z_i|²). Equation (13) has the first alone, which is
+/// all of it where every zero lies inside the circle (Jensen's formula). `None` where the zeros cannot be found.
+#[must_use]
+pub fn circle_mean(system: &TransferFunction<Discrete>) -> Option<[f64; 2]> {
+    let zeros = system.zeros().ok()?;
+    let outside: f64 = zeros.iter().map(|z| z.norm_sqr().max(1.0)).product();
+    Some([(system.num().leading() / system.den().leading()).powi(2), outside])
+}
+
 /// The flatness of a signal in a band, and how much of the signal is there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BandFlatness {
-    /// γ²(band).
+    /// γ²(band) = η²/σ².
     pub sfm: f64,
-    /// Power of the lines up to the band's upper end over power of the whole signal without 0 Hz.
+    /// η²: the geometric mean of the lines' mean squares.
+    pub geometric_mean: f64,
+    /// σ²: their arithmetic mean; times their number it is R(0), the power of the band.
+    pub arithmetic_mean: f64,
+    /// Power of the same lines over power of the whole signal without 0 Hz.
     pub energy_fraction: f64,
     /// Lines in the band.
     pub lines: usize,
@@ -153,12 +170,13 @@ pub fn band_flatness(spectrum: &Spectrum, lines: &[usize], band: Option<Band>) -
     };
     let power = |n: &usize| spectrum.power[*n];
     let whole: f64 = (1..spectrum.power.len()).map(|n| spectrum.share(n)).sum();
-    // The line past the end of the band is not within it.
-    let end = band.map_or(f64::INFINITY, |band| band.ends()[1] * (1.0 + SAME));
-    let within = |n: &&usize| **n as f64 * spectrum.spacing_hz() <= end;
-    let part: f64 = inside.iter().filter(within).map(|n| spectrum.share(*n)).sum();
+    let part: f64 = inside.iter().map(|n| spectrum.share(*n)).sum();
+    let sfm = flatness(inside.iter().map(power));
+    let arithmetic_mean = part / inside.len() as f64;
     Ok(BandFlatness {
-        sfm: flatness(inside.iter().map(power)),
+        sfm,
+        geometric_mean: sfm * arithmetic_mean,
+        arithmetic_mean,
         energy_fraction: if whole > 0.0 { part / whole } else { 0.0 },
         lines: inside.len(),
         highest_hz: inside.last().map_or(0.0, |n| *n as f64 * spectrum.spacing_hz()),

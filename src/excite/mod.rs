@@ -7,9 +7,11 @@
 pub mod compensator;
 pub mod design;
 pub mod flatness;
+pub mod measured;
 pub mod motion;
 pub mod path;
 pub mod peak;
+pub mod recording;
 pub mod robust;
 pub mod sequence;
 pub mod spectrum;

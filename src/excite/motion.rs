@@ -1,7 +1,8 @@
 //! What an input asks of a device and of a body: position, velocity, acceleration, force and power, against limits.
 
-use super::path::SampledPlant;
+use super::path::{PIECE, PathError, SampledPlant};
 use crate::control::discretise::{DiscretiseError, zero_order_hold_state_space};
+use crate::ctl::Ctl;
 use nalgebra::DVector;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -160,15 +161,10 @@ impl Motion {
     /// acceleration `C B = 0` too); by [`Motion::of_samples`] of `position` otherwise.
     ///
     /// # Errors
-    /// [`DiscretiseError::Overflow`].
-    pub fn of_plant(plant: &SampledPlant, position: &[f64], force: &[f64]) -> Result<Self, DiscretiseError> {
+    /// [`DiscretiseError::Overflow`] or [`PathError::Stopped`].
+    pub fn of_plant(plant: &SampledPlant, position: &[f64], force: &[f64], ctl: &Ctl) -> Result<Self, PathError> {
         let time = plant.time();
-        let smooth = plant.held().filter(|model| {
-            let still = |x: f64, scale: f64| x.abs() <= 1e-12 * scale;
-            let jump = (model.c() * model.b())[(0, 0)];
-            model.states() >= 2 && model.d()[(0, 0)] == 0.0 && still(jump, model.c().norm() * model.b().norm())
-        });
-        let Some(model) = smooth else {
+        let Some(model) = plant.smooth() else {
             return Ok(Self::of_samples(position, Some(force), time.period_s()));
         };
         let sampled = zero_order_hold_state_space(model, time)?;
@@ -187,7 +183,10 @@ impl Motion {
             force: Some(force.to_vec()),
             derivatives: Some(Derivatives::States),
         };
-        for u in force {
+        for (k, u) in force.iter().enumerate() {
+            if k % PIECE == 0 {
+                ctl.check()?;
+            }
             motion.position.push(c.column(0).dot(&state));
             motion.velocity.push(first.column(0).dot(&state));
             motion.acceleration.push(second.column(0).dot(&state) + direct * u);
@@ -198,7 +197,7 @@ impl Motion {
             motion.acceleration.push(second.column(0).dot(&state) + direct * u);
         }
         if motion.acceleration.iter().any(|a| !a.is_finite()) {
-            return Err(DiscretiseError::Overflow { sample_time_s: time.period_s() });
+            return Err(DiscretiseError::Overflow { sample_time_s: time.period_s() }.into());
         }
         Ok(motion)
     }

@@ -6,16 +6,27 @@
 //!                                       and a person's force reaches the position through S P = P/(1 + C P)
 //! ```
 
+use crate::control::conversion::ConversionError;
 use crate::control::discretise::{self, DiscretiseError};
-use crate::control::simulate::{self, SimulationError};
+use crate::control::simulate::{DelayLine, SimulationError};
 use crate::control::{
     Continuous, Discrete, StateSpace, System, TimeBase as _, TransferFunction, conversion, stability,
 };
+use crate::ctl::{Ctl, Stopped};
 use crate::num::linalg::NoConvergence;
 use crate::num::{Complex64, Polynomial};
 use crate::person::two_degrees_of_freedom::{LoopError, TwoDegreesOfFreedom};
+use nalgebra::DMatrix;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+/// The longest delay of a plant, samples: each is a root of the loop's polynomial, whose stability is proven.
+pub const LONGEST_DELAY: usize = 60;
+/// A part of a sample below this is rounding of a delay in decimals.
+const WHOLE: f64 = 1e-9;
+
+/// Samples between two looks at whether to go on.
+pub(super) const PIECE: usize = 1 << 14;
 
 /// How a plant in continuous time is seen by sampled signals.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -61,6 +72,17 @@ pub enum PathError {
         /// What it must be.
         range: &'static str,
     },
+    /// A delay that the plant cannot have.
+    #[error(
+        "a delay of {delay_s} s is {samples} samples; 0 to {LONGEST_DELAY} are taken, and of a plant that is not known \
+         in continuous time with its input held, whole ones"
+    )]
+    Delay {
+        /// As asked for.
+        delay_s: f64,
+        /// In samples.
+        samples: f64,
+    },
     /// A loop of continuous parts would need another kind of analysis.
     #[error("a loop is judged in sampled time: its plant is sampled by zero_order_hold or tustin")]
     ContinuousLoop,
@@ -82,6 +104,9 @@ pub enum PathError {
     /// Poles cannot be found.
     #[error(transparent)]
     NoConvergence(#[from] NoConvergence),
+    /// Somebody asked it to stop.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
 }
 
 /// A plant as sampled signals see it.
@@ -92,6 +117,8 @@ pub struct SampledPlant {
     held: Option<StateSpace<Continuous>>,
     /// Of a plant whose own response is taken.
     own: Option<TransferFunction<Continuous>>,
+    /// Delay of the response of its own, s.
+    own_delay_s: f64,
     sampled: TransferFunction<Discrete>,
 }
 
@@ -141,7 +168,7 @@ impl SampledPlant {
         let sampled = TransferFunction::new(&[b1, b2], &[1.0, -(1.0 + decay), decay], time).map_err(unusable)?;
         let own = TransferFunction::new(&[1.0], &[mass_kg, damping_ns_per_m, 0.0], Continuous).map_err(unusable)?;
         let held = conversion::to_state_space(&own).map_err(DiscretiseError::from)?;
-        Ok(Self { time, held: Some(held), own: None, sampled })
+        Ok(Self { time, held: Some(held), own: None, own_delay_s: 0.0, sampled })
     }
 
     /// Any plant with one input and one output.
@@ -156,7 +183,7 @@ impl SampledPlant {
             System::Discrete(sampled) => {
                 same_time("plant", sampled.time(), time)?;
                 let sampled = retimed(sampled, time);
-                Ok(Self { time, held: None, own: None, sampled })
+                Ok(Self { time, held: None, own: None, own_delay_s: 0.0, sampled })
             }
             System::Continuous(own) => {
                 let sampled = match how {
@@ -170,9 +197,63 @@ impl SampledPlant {
                     _ => None,
                 };
                 let own = (how == Discretisation::Continuous).then(|| own.clone());
-                Ok(Self { time, held, own, sampled })
+                Ok(Self { time, held, own, own_delay_s: 0.0, sampled })
             }
         }
+    }
+
+    /// The same plant, which answers to its input later: exactly, for any delay, where the input is held between
+    /// samples (Åström and Wittenmark 1997, section 2.3: with τ = (d + f) T, `x⁺ = Φ x + Γ₁ u_{k−d−1} + Γ₀ u_{k−d}`,
+    /// `Γ₀ = ∫₀^{(1−f)T} e^{As} ds B`, `Γ₁ = e^{A(1−f)T} ∫₀^{fT} e^{As} ds B`). Velocity and acceleration are
+    /// differences then.
+    ///
+    /// # Errors
+    /// [`PathError::Delay`].
+    pub fn delayed(mut self, delay_s: f64) -> Result<Self, PathError> {
+        let samples = delay_s / self.time.period_s();
+        let refused = || PathError::Delay { delay_s, samples };
+        if !(0.0..=LONGEST_DELAY as f64).contains(&samples) {
+            return Err(refused());
+        }
+        let mut whole = samples.floor();
+        let mut part = samples - whole;
+        if part < WHOLE || part > 1.0 - WHOLE {
+            (whole, part) = (samples.round(), 0.0);
+        }
+        let shifted = |num: &[f64], den: &[f64], by: usize| {
+            let den = [den, &vec![0.0; by]].concat();
+            TransferFunction::new(num, &den, self.time).map_err(|error| PathError::Discretise(error.into()))
+        };
+        let sampled = if part == 0.0 {
+            shifted(self.sampled.num().coefficients(), self.sampled.den().coefficients(), whole as usize)?
+        } else {
+            let model = self.held.as_ref().ok_or_else(refused)?;
+            let within = |share: f64| {
+                let time = Discrete::new(share * self.time.period_s()).map_err(|_| refused())?;
+                Ok::<_, PathError>(discretise::zero_order_hold_state_space(model, time)?)
+            };
+            let (late, early) = (within(1.0 - part)?, within(part)?);
+            let transition = late.a() * early.a();
+            // The output at a sample sees the input of the sample before last, where it sees it at once.
+            let pulse = |input: DMatrix<f64>, direct: DMatrix<f64>| {
+                let state = StateSpace::new(transition.clone(), input, model.c().clone(), direct, self.time);
+                let state = state.map_err(|error| PathError::Discretise(ConversionError::from(error).into()))?;
+                Ok::<_, PathError>(conversion::to_transfer_function(&state).map_err(DiscretiseError::from)?)
+            };
+            let direct = model.d().clone();
+            let newer = pulse(late.b().clone(), DMatrix::zeros(1, 1))?;
+            let older = pulse(late.a() * early.b(), direct)?;
+            if newer.den() != older.den() {
+                // Both have the poles of one matrix.
+                return Err(ConversionError::IllConditioned { mismatch: 1.0 })
+                    .map_err(|e| DiscretiseError::from(e).into());
+            }
+            let num = newer.num().mul(&Polynomial::new(vec![1.0, 0.0])).add(older.num());
+            shifted(num.coefficients(), newer.den().coefficients(), whole as usize + 1)?
+        };
+        (self.sampled, self.held) = (sampled, None);
+        self.own_delay_s += delay_s;
+        Ok(self)
     }
 
     /// The pulse transfer function.
@@ -181,10 +262,27 @@ impl SampledPlant {
         &self.sampled
     }
 
+    /// Whether its response is that of its pulse transfer function, and not its own in continuous time.
+    #[must_use]
+    pub fn is_sampled(&self) -> bool {
+        self.own.is_none()
+    }
+
     /// The state space model in continuous time, where it is known and the plant's input is held between samples.
     #[must_use]
     pub fn held(&self) -> Option<&StateSpace<Continuous>> {
         self.held.as_ref()
+    }
+
+    /// That model, where its output moves smoothly: two states at least, `D = 0` and `C B = 0`, so that position and
+    /// velocity cannot jump.
+    #[must_use]
+    pub(crate) fn smooth(&self) -> Option<&StateSpace<Continuous>> {
+        self.held().filter(|model| {
+            let jump = (model.c() * model.b())[(0, 0)];
+            let is_still = jump.abs() <= 1e-12 * model.c().norm() * model.b().norm();
+            model.states() >= 2 && model.d()[(0, 0)] == 0.0 && is_still
+        })
     }
 
     /// The sample time.
@@ -196,7 +294,10 @@ impl SampledPlant {
     /// The response at an angular frequency.
     #[must_use]
     pub fn response(&self, omega_rad_s: f64) -> Complex64 {
-        self.own.as_ref().map_or_else(|| self.sampled.response(omega_rad_s), |own| own.response(omega_rad_s))
+        self.own.as_ref().map_or_else(
+            || self.sampled.response(omega_rad_s),
+            |own| own.response(omega_rad_s) * Complex64::from_polar(1.0, -omega_rad_s * self.own_delay_s),
+        )
     }
 }
 
@@ -295,14 +396,14 @@ impl Path {
     /// The output and the plant's input for a signal, from rest.
     ///
     /// # Errors
-    /// [`PathError::Simulation`].
-    pub fn carry(&self, signal: &[f64]) -> Result<Carried, PathError> {
+    /// [`PathError::Simulation`] and [`PathError::Stopped`].
+    pub fn carry(&self, signal: &[f64], ctl: &Ctl) -> Result<Carried, PathError> {
         let Some(closed) = &self.closed else {
-            return Ok(Carried { output: simulate::filter(&self.plant.sampled, signal)?, effort: signal.to_vec() });
+            return Ok(Carried { output: filtered(&self.plant.sampled, signal, ctl)?, effort: signal.to_vec() });
         };
         let overflow = |error: crate::control::transfer_function::TransferFunctionError| DiscretiseError::from(error);
-        let output = simulate::filter(&closed.command_to_output_transfer_function().map_err(overflow)?, signal)?;
-        let effort = simulate::filter(&closed.command_to_control_transfer_function().map_err(overflow)?, signal)?;
+        let output = filtered(&closed.command_to_output_transfer_function().map_err(overflow)?, signal, ctl)?;
+        let effort = filtered(&closed.command_to_control_transfer_function().map_err(overflow)?, signal, ctl)?;
         Ok(Carried { output, effort })
     }
 
@@ -312,6 +413,23 @@ impl Path {
         let polynomial = self.closed.as_ref().map_or_else(|| self.plant.sampled.den().clone(), |c| c.loop_polynomial());
         pole_hints(&polynomial, self.plant.time)
     }
+}
+
+/// A system at rest, driven by a signal: [`simulate::filter`](crate::control::simulate::filter) in pieces.
+fn filtered(system: &TransferFunction<Discrete>, signal: &[f64], ctl: &Ctl) -> Result<Vec<f64>, PathError> {
+    let mut line = DelayLine::new(system, "transfer function")?;
+    let mut out = Vec::with_capacity(signal.len());
+    for (sample, x) in signal.iter().enumerate() {
+        if sample % PIECE == 0 {
+            ctl.check()?;
+        }
+        let y = line.step((*x).into()).value();
+        if !y.is_finite() {
+            return Err(SimulationError::Overflow { sample }.into());
+        }
+        out.push(y);
+    }
+    Ok(out)
 }
 
 /// Angular frequency and decay rate of each root in the upper half plane.
@@ -331,7 +449,6 @@ fn unstable(what: &'static str, polynomial: &Polynomial) -> PathError {
 mod tests {
     use super::*;
     use crate::control::exponential::matrix_exponential;
-    use nalgebra::DMatrix;
 
     #[test]
     fn the_pulse_coefficients_are_those_of_the_block_exponential() {
@@ -344,6 +461,30 @@ mod tests {
             let found = mass_damper_pulse(m, c, t);
             assert!((found[0] / b1 - 1.0).abs() < 1e-13, "{m} {c} {t} {found:?} {b1}");
             assert!((found[1] / b2 - 1.0).abs() < 1e-10, "{m} {c} {t} {found:?} {b2}");
+        }
+    }
+
+    #[test]
+    fn a_delay_is_that_of_a_finer_clock() {
+        // At a tenth of the sample time every delay in tenths is whole: the held input of the coarse clock, delayed
+        // there, gives the same samples.
+        let (coarse, fine) = (Discrete::new(0.01).unwrap(), Discrete::new(0.001).unwrap());
+        let force: Vec<f64> = (0..60).map(|k| ((k * k) as f64 * 0.7).sin()).collect();
+        let held: Vec<f64> = force.iter().flat_map(|u| [*u; 10]).collect();
+        for tenths in [0_usize, 3, 7, 10, 25, 40] {
+            let delay_s = tenths as f64 * 0.001;
+            let plant = SampledPlant::mass_damper(10.0, 50.0, coarse).unwrap().delayed(delay_s).unwrap();
+            let exact = SampledPlant::mass_damper(10.0, 50.0, fine).unwrap().delayed(delay_s).unwrap();
+            let found = crate::control::simulate::filter(plant.sampled(), &force).unwrap();
+            let expected = crate::control::simulate::filter(exact.sampled(), &held).unwrap();
+            let size = expected.iter().fold(0.0_f64, |most, y| most.max(y.abs()));
+            for (k, y) in found.iter().enumerate() {
+                assert!((y - expected[10 * k]).abs() < 1e-9 * size, "{tenths} {k}: {y} {}", expected[10 * k]);
+            }
+        }
+        let plant = || SampledPlant::mass_damper(10.0, 50.0, coarse).unwrap();
+        for bad in [-0.01, f64::NAN, 0.7] {
+            assert!(matches!(plant().delayed(bad), Err(PathError::Delay { .. })), "{bad}");
         }
     }
 }

@@ -21,10 +21,15 @@ pub struct Peak {
 }
 
 /// The largest value of `f` between two points where it is unimodal, by golden section.
-pub fn golden(mut f: impl FnMut(f64) -> f64, mut low: f64, mut high: f64) -> Peak {
+pub fn golden(f: impl FnMut(f64) -> f64, low: f64, high: f64) -> Peak {
+    golden_in(f, low, high, STEPS)
+}
+
+/// [`golden`] with so many steps.
+pub(super) fn golden_in(mut f: impl FnMut(f64) -> f64, mut low: f64, mut high: f64, steps: usize) -> Peak {
     let (mut a, mut b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
     let (mut fa, mut fb) = (f(a), f(b));
-    for _ in 0..STEPS {
+    for _ in 0..steps {
         if fa >= fb {
             (high, b, fb) = (b, a, fa);
             a = high - GOLDEN * (high - low);
@@ -72,7 +77,8 @@ pub fn resonance(gain: impl Fn(f64) -> f64, nyquist_rad_s: f64, hints: &[[f64; 2
     (inside && peak.value > at_zero * (1.0 + 1e-9)).then_some(peak)
 }
 
-fn grid(nyquist: f64, hints: &[[f64; 2]]) -> Vec<f64> {
+/// Points of the first look, increasing: a logarithmic grid with 0, and around the hints.
+pub(in crate::excite) fn grid(nyquist: f64, hints: &[[f64; 2]]) -> Vec<f64> {
     let count = (DECADES * PER_DECADE as f64) as usize;
     let mut points = log_grid(nyquist * 10_f64.powf(-DECADES), nyquist, count);
     points.push(0.0);

@@ -93,10 +93,10 @@ fn a_band_without_the_line_past_its_end_has_the_references_other_peaks() {
         let powers: Vec<f64> = inside.iter().map(|n| spectrum.power[*n]).collect();
         let plant = SampledPlant::mass_damper(10.0, 50.0, Discrete::new(0.001).unwrap()).unwrap();
         let design = Design::new(plant, &omegas, &powers, sequence.values.clone());
-        let region = SearchBox { gain: [100.0, 99_000.0], corners: None, zero_below_pole: false };
+        let region = SearchBox { gain: [100.0, 99_000.0], sections: Vec::new(), zero_below_pole: false };
         let limits = DesignLimits::default();
         let found = search(&design, &region, &limits, &Ctl::new()).unwrap();
-        let judged = design.judge(&found.compensator, &limits).unwrap();
+        let judged = design.judge(&found.compensator, &limits, &Ctl::new()).unwrap();
         let (gain, resonance) = (found.compensator.gain, judged.resonance.unwrap());
         close(gain, number("Kp"), 1e-5);
         close(found.blsfg, number("blsfg"), 1e-7);
@@ -251,8 +251,8 @@ fn a_sampled_plant_gives_what_its_continuous_form_gives() {
         let (gains, blsfg, resonance, norm) =
             (column("gain"), column("blsfg"), column("resonance_hz"), column("disturbance_norm"));
         for (k, gain) in gains.iter().enumerate() {
-            let compensator = Compensator { gain: gain.unwrap(), zero_hz, pole_hz: 50.0 };
-            let judged = design.judge(&compensator, &DesignLimits::default()).ok();
+            let compensator = Compensator::lead(gain.unwrap(), zero_hz, 50.0);
+            let judged = design.judge(&compensator, &DesignLimits::default(), &Ctl::new()).ok();
             assert_eq!(judged.is_some(), design.is_stable(&compensator, 0.0));
             assert_eq!(blsfg[k], judged.as_ref().map(|j| j.blsfg));
             assert_eq!(norm[k], judged.as_ref().map(|j| j.disturbance.value));
@@ -267,7 +267,7 @@ fn motion_from_states_agrees_with_differences_and_with_newton() {
     let plant = SampledPlant::mass_damper(10.0, 50.0, time).unwrap();
     let force: Vec<f64> = (0..4000).map(|k| if (k / 200) % 2 == 0 { 30.0 } else { -20.0 }).collect();
     let path = simulate::filter(plant.sampled(), &force).unwrap();
-    let states = Motion::of_plant(&plant, &path, &force).unwrap().summary(&MotionLimits {
+    let states = Motion::of_plant(&plant, &path, &force, &Ctl::new()).unwrap().summary(&MotionLimits {
         velocity: Some(1e3),
         force: Some(29.0),
         ..MotionLimits::default()

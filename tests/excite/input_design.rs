@@ -308,3 +308,72 @@ fn refitted_parameters_scatter_as_predicted() {
         assert!(level > 0.05 / 22.0 && level < 1.0 - 0.05 / 22.0, "{i}: {ratio} {predicted}");
     }
 }
+
+/// A sampled lag `x⁺ = p x + (1 − p) u`, `y = x`, and ∂y/∂p by the recursion differentiated by hand.
+fn lag(p: f64, u: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    let (mut x, mut slope) = (0.0, 0.0);
+    u.iter()
+        .map(|u| {
+            let now = (x, slope);
+            (x, slope) = (p * x + (1.0 - p) * u, p * slope + x - u);
+            now
+        })
+        .unzip()
+}
+
+#[test]
+fn the_samples_that_are_scored_are_those_of_the_record_and_the_end_is_certified() {
+    use crate::support::run;
+    use rand::RngExt as _;
+    use serde_json::json;
+    use volition::num::rng::stream;
+    let n = 60;
+    let model = json!({"parameters": [{"name": "p", "value": 0.7}], "a": [["p"]], "b": [["1 - p"]], "c": [[1]],
+                       "sample_time_s": 0.5});
+    let start: Vec<f64> = (0..n).map(|k| if k / 3 % 2 == 0 { 0.4 } else { -0.4 }).collect();
+    let limit = 0.6;
+    for (tolerance, region) in [(1e-3, 0.05), (1e-2, 0.2), (1e-4, 0.02)] {
+        let report = run(
+            "input_design",
+            json!({"model": model, "starts": [start]}),
+            json!({"samples": n, "criterion": "t", "tolerance": tolerance, "trust_region": region, "max_steps": 2000,
+                   "noise_covariance": [[1.0]], "limits": {"input": 1, "outputs": {"y1": limit}}}),
+        )
+        .unwrap();
+        let result = &report.result;
+        let input: Vec<f64> = serde_json::from_value(result["input"].clone()).unwrap();
+        assert_eq!(input.len(), n);
+        let information = |u: &[f64]| lag(0.7, u).1.iter().map(|s| s * s).sum::<f64>();
+        // y_0 … y_59, that is sixty samples: a sixty-first would add what the last input does.
+        near(result["information"][1]["matrix"][0][0].as_f64().unwrap(), information(&input), 1e-10);
+        let longer = information(&[&input[..], &[0.0]].concat());
+        assert!(longer > information(&input) * (1.0 + 1e-6));
+        // No step of the region gains more than the tolerance to first order, nor more than that and the second order
+        // together in truth.
+        assert_eq!(result["starts"][0]["stop"], "converged", "{}", result["proof"]);
+        let proof = &result["proof"];
+        assert!(proof["is_stationary"] == true && proof["stationarity"].as_f64().unwrap() <= tolerance, "{proof}");
+        near(proof["trust_region"].as_f64().unwrap(), region, 1e-12);
+        let most = proof["stationarity"].as_f64().unwrap() + proof["second_order_bound"].as_f64().unwrap();
+        let mut random = stream(7, "certificate");
+        let mut kept = 0;
+        for round in 0..400 {
+            let moved: Vec<f64> = input
+                .iter()
+                .map(|u| {
+                    let step: f64 = if round % 2 == 0 { random.random::<f64>() * 2.0 - 1.0 } else { u.signum() };
+                    (u + region * step).clamp(-1.0, 1.0)
+                })
+                .collect();
+            // Where an output is beyond its limit, a scaled step is within it: outputs are linear in the input.
+            let peak = lag(0.7, &moved).0.iter().fold(0.0_f64, |peak, y| peak.max(y.abs()));
+            if peak > limit {
+                continue;
+            }
+            kept += 1;
+            let growth = information(&moved) / information(&input) - 1.0;
+            assert!(growth <= most * (1.0 + 1e-9), "{growth} {most}");
+        }
+        assert!(kept > 20, "{kept} of 400 steps kept the limits");
+    }
+}

@@ -8,7 +8,10 @@ mod chapter_five;
 #[allow(dead_code)]
 #[path = "../support/contract.rs"]
 mod contract;
+#[path = "../support/property.rs"]
+mod property;
 
+mod cases;
 mod compensator;
 mod flatness;
 mod input_design;

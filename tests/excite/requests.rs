@@ -51,7 +51,7 @@ fn what_the_device_did_is_judged_from_the_trial() {
     let time = Discrete::new(0.01).unwrap();
     let plant = SampledPlant::mass_damper(10.0, 50.0, time).unwrap();
     let path = Path::closed(plant, &System::from(TransferFunction::new(&[2500.0], &[1.0], time).unwrap())).unwrap();
-    let carried = path.carry(&sequence.values).unwrap();
+    let carried = path.carry(&sequence.values, &Ctl::new()).unwrap();
     let mut random = volition::num::rng::stream(2, "device");
     let noise: Vec<f64> = (0..carried.output.len()).map(|_| StandardNormal.sample(&mut random)).collect();
     let y: Vec<f64> = carried.output.iter().zip(&noise).map(|(y, e)| y + 0.01 * e).collect();
@@ -298,7 +298,7 @@ fn it_stops_when_asked_and_repeats_to_the_byte() {
     let two = pool.install(|| plan.run(&Library::default(), &Ctl::new()).unwrap());
     assert_eq!((one.provenance.result_sha256, one.provenance.seed), (two.provenance.result_sha256, Some(8)));
     // The judge's findings are those of the limits that it is given.
-    let judged = design(5.0).judge(&Compensator::proportional(9051.9), &DesignLimits::default()).unwrap();
+    let judged = design(5.0).judge(&Compensator::proportional(9051.9), &DesignLimits::default(), &Ctl::new()).unwrap();
     assert_eq!(judged.motion.within_limits, None);
 }
 

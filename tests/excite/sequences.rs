@@ -75,7 +75,7 @@ fn maximum_length_sequences_repeat_after_their_length_and_not_before() {
             assert_eq!(one, two);
             let mut shorter = (1..length).filter(|shift| length % shift == 0);
             assert!(shorter.all(|shift| (0..length).any(|k| one[k] != one[(k + shift) % length])));
-            let r = correlation::periodic_autocorrelation(one, length);
+            let r = correlation::periodic_autocorrelation(one, length, &Ctl::new()).unwrap();
             if kind == "prbs" {
                 assert!(r[1..].iter().all(|r| (r + 1.0 / length as f64).abs() < 1e-12));
             } else {
@@ -151,7 +151,7 @@ fn multisines_have_their_lines_and_nothing_else() {
     assert!(coarse.period.unwrap().samples.is_none());
     assert!(coarse.values.iter().enumerate().all(|(k, x)| (x - fine.values[(3 * k) % 1000]).abs() < 1e-10));
     // The crest's optimisation is worth its time, and lower than Schroeder's for lines far from equal steps.
-    let crest = |phases: &str| made(spec(json!({"phases": phases}))).details.crest_factor.unwrap();
+    let crest = |phases: &str| made(spec(json!({"phases": phases}))).details.continuous_crest_factor.unwrap();
     let (optimised, schroeder, random) = (crest("crest_optimised"), crest("schroeder"), crest("random"));
     assert!(optimised < 1.75 && optimised < schroeder && optimised < random, "{optimised} {schroeder} {random}");
 }

@@ -14,6 +14,7 @@ mod result;
 mod spec;
 
 use super::contract::{Analysis, Failure, Outcome};
+use super::excitation::plant::PlantFit;
 use super::excitation::problems;
 use super::excitation::signal::Signal;
 use super::inputs::library::Library;
@@ -22,18 +23,29 @@ use super::problem::{Code, Problem};
 use super::report::Warning;
 use crate::control::Discrete;
 use crate::ctl::{Ctl, Phase};
-use crate::excite::compensator::{Design, DesignError, DesignLimits, Edge, Found, Judged, SearchBox, search, sweep};
+use crate::excite::compensator::{
+    Design, DesignError, DesignLimits, Edge, Found, Judged, SearchBox, SectionBox, search, sweep,
+};
 use crate::excite::path::SampledPlant;
 use crate::excite::spectrum::Spectrum;
 pub use inputs::CompensatorDesignInputs;
 use inputs::{PLANT, SIGNAL};
-pub use result::{Action, BaselineResult, CompensatorDesignResult, CurveResult, RunnerUpResult, SearchResult};
+pub use result::{
+    Action, BaselineResult, CompensatorDesignResult, CurveResult, FlatnessParts, RunnerUpResult, SearchResult,
+    SectionResult,
+};
 pub use spec::{CompensatorDesignSpec, Structure, SweepSpec};
 
 /// A share of agreeing climbs below which the answer deserves a warning.
 const AGREEMENT: f64 = 0.25;
 /// How much farther than the proportional loop a person's force may push the device without a warning.
 const WEAK: f64 = 1.5;
+/// Damping ratios of sections of second order, where none are given.
+const DAMPING: [f64; 2] = [0.05, 100.0];
+/// A misfit of a measured plant above this deserves a warning.
+const POOR_FIT: f64 = 0.1;
+/// A share of the signal's power below this is no delivery.
+const DELIVERED: f64 = 0.25;
 /// A gain in flatness below this is none.
 const BETTER: f64 = 1e-6;
 
@@ -47,10 +59,10 @@ pub struct Plan {
 impl Analysis for Plan {
     const KIND: Kind = Kind::named("compensator_design");
     const TITLE: &'static str = "Design of a compensator";
-    const SUMMARY: &'static str = "The proportional control or lead compensator of a position loop (a manipulandum, a \
-        motion platform) that delivers a given signal with the flattest spectrum in a band, under limits on motion and \
-        force: a grid over the whole box, then climbs from its best points, with stability proven (Qiu 2021, sections \
-        IV.B to IV.D).";
+    const SUMMARY: &'static str = "The proportional control, lead, cascade or compensator of free order of a position \
+        loop (a manipulandum, a motion platform) that delivers a given signal with the flattest spectrum in a band, \
+        under limits on motion and force: limits out of reach are refused with a bound, then a grid over the whole box \
+        and climbs from its best points, with stability proven (Qiu 2021, sections IV.B to IV.D).";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");
 
@@ -83,6 +95,7 @@ impl Analysis for Plan {
         })?;
         let plant = self.inputs.plant.sample(library, self.spec.discretisation, time, PLANT)?;
         let (design, spacing_hz) = self.design(&signal, plant, ctl)?;
+        let fit = self.inputs.plant.fit(PLANT)?;
         let mut limits = self.spec.limits;
         limits.decay_per_s = Some(limits.decay_per_s.unwrap_or(std::f64::consts::PI * spacing_hz));
         let limits = &limits;
@@ -93,10 +106,11 @@ impl Analysis for Plan {
         let in_search = ctl.scope(0.8);
         let found = search(&design, &region, limits, ctl).map_err(|error| problems::design(&error))?;
         drop(in_search);
-        let judged =
-            design.judge(&found.compensator, limits).map_err(|error| problems::design(&DesignError::Path(error)))?;
+        let judged = design
+            .judge(&found.compensator, limits, ctl)
+            .map_err(|error| problems::design(&DesignError::Path(error)))?;
         let in_baseline = ctl.scope(0.1);
-        let baseline = if region.corners.is_some() { self.baseline(&design, &region, limits, ctl)? } else { None };
+        let baseline = if !region.sections.is_empty() { self.baseline(&design, &region, limits, ctl)? } else { None };
         drop(in_baseline);
         let mut curves = Vec::new();
         if let Some(asked) = &self.spec.sweep {
@@ -113,8 +127,12 @@ impl Analysis for Plan {
                 curves.push(CurveResult::new(&curve));
             }
         }
-        warn(&found, &judged, baseline.as_ref(), &mut warnings);
+        warn(&found, &judged, baseline.as_ref(), design.reference_mean(), &mut warnings);
+        if let Some(fit) = &fit {
+            warnings.extend(plant_warnings(fit, &design, &judged)?);
+        }
         let result = CompensatorDesignResult::new(
+            fit,
             self.spec.band_hz,
             limits,
             &design,
@@ -138,7 +156,7 @@ impl Plan {
         band.check(Some(signal.sample_time_s)).map_err(|error| problems::band(&error, "/spec/band_hz"))?;
         let inside = band.of(&lines, spectrum.spacing_hz()).map_err(|error| problems::band(&error, "/spec/band_hz"))?;
         let omegas: Vec<f64> = inside.iter().map(|n| spectrum.omega_rad_s(*n)).collect();
-        let powers: Vec<f64> = inside.iter().map(|n| spectrum.power[*n]).collect();
+        let powers: Vec<f64> = inside.iter().map(|n| spectrum.share(*n)).collect();
         let reference = match signal.period {
             Some(n) if signal.values.len() < 2 * n => [&signal.values[..n], &signal.values[..n]].concat(),
             _ => signal.values.clone(),
@@ -163,9 +181,21 @@ impl Plan {
         let gain = fixed(spec.gain, spec.gain_range, [1e-4 * typical, 1e4 * typical]);
         let top = 0.5 / time.period_s();
         let corner = [1e-3 * spec.band_hz.ends()[1], 0.9 * top];
-        let corners = (spec.structure == Structure::Lead).then(|| {
-            [fixed(spec.zero_hz, spec.zero_range_hz, corner), fixed(spec.pole_hz, spec.pole_range_hz, corner)]
-        });
+        let zero_hz = fixed(spec.zero_hz, spec.zero_range_hz, corner);
+        let pole_hz = fixed(spec.pole_hz, spec.pole_range_hz, corner);
+        let first = SectionBox::First { zero_hz, pole_hz };
+        let sections = match spec.structure {
+            Structure::Proportional => Vec::new(),
+            Structure::Lead => vec![first],
+            Structure::Cascade => vec![first; spec.sections.unwrap_or(2)],
+            Structure::FreeOrder => {
+                let order = spec.order.unwrap_or(2);
+                let damping = spec.damping_range.unwrap_or(DAMPING);
+                let mut sections = vec![SectionBox::Second { zero_hz, pole_hz, damping }; order / 2];
+                sections.extend((order % 2 == 1).then_some(first));
+                sections
+            }
+        };
         for (name, range) in [("zero_range_hz", spec.zero_range_hz), ("pole_range_hz", spec.pole_range_hz)] {
             if let Some([_, high]) = range.filter(|r| r[1] >= top) {
                 let detail = format!("{name} reaches {high} Hz, at or above the Nyquist frequency of {top} Hz");
@@ -173,7 +203,7 @@ impl Plan {
                     .at(format!("/spec/{name}")));
             }
         }
-        Ok(SearchBox { gain, corners, zero_below_pole: spec.zero_below_pole })
+        Ok(SearchBox { gain, sections, zero_below_pole: spec.zero_below_pole })
     }
 
     /// The best proportional control under the same limits; `None` where there is none.
@@ -184,19 +214,21 @@ impl Plan {
         limits: &DesignLimits,
         ctl: &Ctl,
     ) -> Result<Option<Judged>, Failure> {
-        let alone = SearchBox { gain: region.gain, corners: None, zero_below_pole: false };
+        let alone = SearchBox { gain: region.gain, sections: Vec::new(), zero_below_pole: false };
         match search(design, &alone, limits, ctl) {
             Ok(found) => {
-                let judged = design.judge(&found.compensator, limits);
+                let judged = design.judge(&found.compensator, limits, ctl);
                 judged.map(Some).map_err(|error| problems::design(&DesignError::Path(error)))
             }
-            Err(DesignError::NothingStable { .. } | DesignError::Limits { .. }) => Ok(None),
+            Err(DesignError::NothingStable { .. } | DesignError::Limits { .. } | DesignError::Impossible(_)) => {
+                Ok(None)
+            }
             Err(error) => Err(problems::design(&error)),
         }
     }
 }
 
-fn warn(found: &Found, judged: &Judged, baseline: Option<&Judged>, warnings: &mut Vec<Warning>) {
+fn warn(found: &Found, judged: &Judged, baseline: Option<&Judged>, reference_mean: f64, warnings: &mut Vec<Warning>) {
     let summary = &found.summary;
     if !summary.edges.is_empty() {
         let edges: Vec<String> = summary.edges.iter().map(Edge::to_string).collect();
@@ -213,6 +245,15 @@ fn warn(found: &Found, judged: &Judged, baseline: Option<&Judged>, warnings: &mu
             summary.agreeing, summary.climbs
         );
         warnings.push(Warning::new("few_climbs_agree", message));
+    }
+    let delivered = judged.output_mean / reference_mean;
+    if delivered < DELIVERED {
+        let message = format!(
+            "the loop delivers {:.2} % of the signal's power in the band: the limits leave the device too weak to \
+             follow; raise them, or scale the signal's amplitude down",
+            100.0 * delivered
+        );
+        warnings.push(Warning::new("signal_not_delivered", message));
     }
     if judged.blsfg <= 1.0 {
         let message = format!("the loop makes the spectrum less flat: its flatness gain is {:.4}", judged.blsfg);
@@ -239,4 +280,38 @@ fn warn(found: &Found, judged: &Judged, baseline: Option<&Judged>, warnings: &mu
         );
         warnings.push(Warning::new("proportional_is_as_good", message));
     }
+}
+
+/// What a measured plant's misfit means for the loop: with `H = P (1 + Δ)` at every line it is stable with the measured
+/// plant too where `|Δ T| < 1` (small gain), T being the gain from reference to position.
+fn plant_warnings(fit: &PlantFit, design: &Design, judged: &Judged) -> Result<Vec<Warning>, Failure> {
+    let path = design.path(&judged.compensator).map_err(|error| problems::design(&DesignError::Path(error)))?;
+    let mut warnings = Vec::new();
+    if fit.largest_misfit > POOR_FIT {
+        let message = format!(
+            "the model of the measured plant misses it by {:.1} % at {} Hz; what is said of the loop is said of the \
+             model",
+            100.0 * fit.largest_misfit,
+            fit.largest_misfit_hz
+        );
+        warnings.push(Warning::new("plant_fits_poorly", message));
+    }
+    let gain = |hz: &f64| path.response(2.0 * std::f64::consts::PI * hz).norm();
+    let top = 0.5 / design.plant().time().period_s();
+    let product = fit
+        .frequency_hz
+        .iter()
+        .zip(&fit.misfit)
+        .filter(|(hz, _)| **hz < top)
+        .map(|(hz, misfit)| (*hz, misfit * gain(hz)))
+        .fold((0.0, 0.0), |most, v| if v.1 > most.1 { v } else { most });
+    if product.1 >= 1.0 {
+        let message = format!(
+            "the loop is stable with the model, and need not be with the measured plant: misfit times closed-loop gain \
+             is {:.2} at {} Hz, where 1 is the most that is safe; give more poles, or limit the gain",
+            product.1, product.0
+        );
+        warnings.push(Warning::new("stability_not_robust", message));
+    }
+    Ok(warnings)
 }

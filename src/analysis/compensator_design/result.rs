@@ -1,8 +1,9 @@
 //! What the question is answered with.
 
+use crate::analysis::excitation::plant::PlantFit;
 use crate::control::model::TransferFunctionModel;
-use crate::excite::compensator::{Compensator, Curve, Design, DesignLimits, Edge, Found, Judged};
-use crate::excite::flatness::Band;
+use crate::excite::compensator::{Compensator, Curve, Design, DesignLimits, Edge, Found, Judged, Section};
+use crate::excite::flatness::{Band, circle_mean};
 use crate::excite::motion::MotionSummary;
 use crate::excite::path::PathError;
 use schemars::JsonSchema;
@@ -31,12 +32,40 @@ pub struct BaselineResult {
 pub struct RunnerUpResult {
     /// K, in units of force over those of the position.
     pub gain: f64,
-    /// f_z, Hz; null for proportional control.
+    /// f_z, Hz; null for proportional control, and of several sections.
     pub zero_hz: Option<f64>,
-    /// f_p, Hz; null for proportional control.
+    /// f_p, Hz; null for proportional control, and of several sections.
     pub pole_hz: Option<f64>,
+    /// The sections.
+    pub sections: Vec<SectionResult>,
     /// SFG_xr, the spectral flatness gain, dimensionless.
     pub blsfg: f64,
+}
+
+/// A section: `(s + 2πf_z)/(s + 2πf_p)`, or, with damping ratios, `(s² + 2ζ_z ω_z s + ω_z²)/(s² + 2ζ_p ω_p s + ω_p²)`
+/// with ω = 2πf.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "CompensatorSection")]
+pub struct SectionResult {
+    /// f_z, Hz.
+    pub zero_hz: f64,
+    /// ζ_z, dimensionless; null of first order.
+    pub zero_damping: Option<f64>,
+    /// f_p, Hz.
+    pub pole_hz: f64,
+    /// ζ_p, dimensionless; null of first order.
+    pub pole_damping: Option<f64>,
+}
+
+impl From<&Section> for SectionResult {
+    fn from(section: &Section) -> Self {
+        match *section {
+            Section::First { zero_hz, pole_hz } => Self { zero_hz, zero_damping: None, pole_hz, pole_damping: None },
+            Section::Second { zero_hz, zero_damping, pole_hz, pole_damping } => {
+                Self { zero_hz, zero_damping: Some(zero_damping), pole_hz, pole_damping: Some(pole_damping) }
+            }
+        }
+    }
 }
 
 /// What was searched.
@@ -88,6 +117,33 @@ impl CurveResult {
     }
 }
 
+/// What a flatness gain is made of (Qiu 2021): over the lines of the band, powers being mean squares.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "CompensatorFlatness")]
+pub struct FlatnessParts {
+    /// η_r², the geometric mean of the reference's powers, in squared units of the position.
+    pub reference_geometric_mean: f64,
+    /// σ_r², their arithmetic mean, in the same unit.
+    pub reference_arithmetic_mean: f64,
+    /// μ_r = −ln γ_r² (equation 24, whose value is never negative), dimensionless.
+    pub reference_mu: f64,
+    /// η_x² of the position, in squared units of it.
+    pub output_geometric_mean: f64,
+    /// σ_x² of the position, in squared units of it.
+    pub output_arithmetic_mean: f64,
+    /// μ_x, dimensionless.
+    pub output_mu: f64,
+    /// η_G² = η_x²/η_r² (equation 5), dimensionless.
+    pub system_geometric_mean: f64,
+    /// R_rr(0)/R_xx(0) of the band, dimensionless: times η_G² it is the flatness gain (equation 7).
+    pub power_ratio: f64,
+    /// b_m²: the squared leading coefficient of the closed loop's numerator over a monic denominator (equation 13),
+    /// dimensionless; null where its zeros cannot be found.
+    pub leading_coefficient_squared: Option<f64>,
+    /// Π max(1, |z_i|²) over its zeros: times b_m² it is η_G² over all frequencies, dimensionless; null as b_m².
+    pub zeros_outside_factor: Option<f64>,
+}
+
 /// What a compensator does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -99,6 +155,8 @@ pub enum Action {
     Lead,
     /// f_z > f_p.
     Lag,
+    /// Several sections, or one of second order.
+    Several,
 }
 
 /// The result of `compensator_design`.
@@ -106,10 +164,12 @@ pub enum Action {
 pub struct CompensatorDesignResult {
     /// K, the gain at high frequency, in units of force over those of the position.
     pub gain: f64,
-    /// f_z, Hz; null for proportional control.
+    /// f_z, Hz; null for proportional control, and of several sections.
     pub zero_hz: Option<f64>,
-    /// f_p, Hz; null for proportional control.
+    /// f_p, Hz; null for proportional control, and of several sections.
     pub pole_hz: Option<f64>,
+    /// The sections, those left out that are 1 at every frequency.
+    pub sections: Vec<SectionResult>,
     /// What it does.
     pub action: Action,
     /// The band in Hz, as asked for.
@@ -120,6 +180,8 @@ pub struct CompensatorDesignResult {
     pub reference_sfm: f64,
     /// γ_x², the flatness of the position, dimensionless.
     pub output_sfm: f64,
+    /// What the flatness is made of.
+    pub flatness: FlatnessParts,
     /// Where the gain from reference to position is largest, Hz; null where it nowhere exceeds that at 0 Hz.
     pub resonance_hz: Option<f64>,
     /// The gain there, dimensionless; null without one.
@@ -153,19 +215,27 @@ pub struct CompensatorDesignResult {
     pub search: SearchResult,
     /// Curves; empty unless asked for.
     pub sweep: Vec<CurveResult>,
+    /// The model of a measured plant; null of others.
+    pub plant_fit: Option<PlantFit>,
 }
 
 fn hz(omega_rad_s: f64) -> f64 {
     omega_rad_s / (2.0 * PI)
 }
 
-/// f_z and f_p, where they are not equal.
+/// f_z and f_p of a single section of first order.
 fn corners(compensator: &Compensator) -> Option<[f64; 2]> {
-    (compensator.zero_hz != compensator.pole_hz).then_some([compensator.zero_hz, compensator.pole_hz])
+    let mut active = compensator.active();
+    match (active.next(), active.next()) {
+        (Some(Section::First { zero_hz, pole_hz }), None) => Some([*zero_hz, *pole_hz]),
+        _ => None,
+    }
 }
 
 impl CompensatorDesignResult {
+    #[expect(clippy::too_many_arguments, reason = "one call, of what the run has at hand")]
     pub(super) fn new(
+        plant_fit: Option<PlantFit>,
         band_hz: Band,
         limits: &DesignLimits,
         design: &Design,
@@ -183,21 +253,40 @@ impl CompensatorDesignResult {
             .transpose()
             .map_err(|error| PathError::Discretise(error.into()))?;
         let own = corners(compensator);
+        let sections: Vec<SectionResult> = compensator.active().map(Into::into).collect();
         let action = match own {
-            None => Action::Proportional,
+            None if sections.is_empty() => Action::Proportional,
+            None => Action::Several,
             Some([zero, pole]) if zero < pole => Action::Lead,
             Some(_) => Action::Lag,
         };
         let summary = &found.summary;
+        let circle = closed.as_ref().and_then(circle_mean);
+        let (reference_mean, output_mean) = (design.reference_mean(), judged.output_mean);
+        let (reference_sfm, output_sfm) = (design.reference_sfm(), judged.output_sfm);
+        let flatness = FlatnessParts {
+            reference_geometric_mean: reference_sfm * reference_mean,
+            reference_arithmetic_mean: reference_mean,
+            reference_mu: -reference_sfm.ln(),
+            output_geometric_mean: output_sfm * output_mean,
+            output_arithmetic_mean: output_mean,
+            output_mu: -output_sfm.ln(),
+            system_geometric_mean: output_sfm * output_mean / (reference_sfm * reference_mean),
+            power_ratio: reference_mean / output_mean,
+            leading_coefficient_squared: circle.map(|c| c[0]),
+            zeros_outside_factor: circle.map(|c| c[1]),
+        };
         Ok(Self {
             gain: compensator.gain,
             zero_hz: own.map(|c| c[0]),
             pole_hz: own.map(|c| c[1]),
+            sections,
             action,
             band_hz,
             blsfg: judged.blsfg,
             reference_sfm: design.reference_sfm(),
             output_sfm: judged.output_sfm,
+            flatness,
             resonance_hz: judged.resonance.map(|peak| hz(peak.at)),
             resonance_gain: judged.resonance.map(|peak| peak.value),
             disturbance_norm: judged.disturbance.value,
@@ -228,18 +317,20 @@ impl CompensatorDesignResult {
                 stable: summary.stable,
                 climbs: summary.climbs,
                 agreeing: summary.agreeing,
-                runner_up: summary.runner_up.map(|(compensator, blsfg)| {
-                    let corners = corners(&compensator);
+                runner_up: summary.runner_up.as_ref().map(|(compensator, blsfg)| {
+                    let corners = corners(compensator);
                     RunnerUpResult {
                         gain: compensator.gain,
                         zero_hz: corners.map(|c| c[0]),
                         pole_hz: corners.map(|c| c[1]),
-                        blsfg,
+                        sections: compensator.active().map(Into::into).collect(),
+                        blsfg: *blsfg,
                     }
                 }),
                 edges: summary.edges.clone(),
             },
             sweep,
+            plant_fit,
         })
     }
 }

@@ -14,6 +14,11 @@ use serde_json::Value;
 /// Points of a curve, and curves, at most.
 const MOST: usize = 2_000;
 
+/// Sections of a cascade at most.
+const MOST_SECTIONS: usize = 4;
+/// The highest free order.
+const MOST_ORDER: usize = 6;
+
 /// The structure of the compensator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -23,6 +28,11 @@ pub enum Structure {
     Proportional,
     /// `C(s) = K (s + 2πf_z)/(s + 2πf_p)`, with positive corners in either order unless `zero_below_pole` is set.
     Lead,
+    /// Several leads or lags in series, `sections` of them.
+    Cascade,
+    /// Any zeros and poles in the left half plane, as many of each as `order` says: sections of second order, `(s² +
+    /// 2ζ_z ω_z s + ω_z²)/(s² + 2ζ_p ω_p s + ω_p²)`, and one of first order where the order is odd.
+    FreeOrder,
 }
 
 /// Curves over the gain, as in figure 5 of Qiu 2021.
@@ -54,6 +64,15 @@ fn hundred() -> usize {
 pub struct CompensatorDesignSpec {
     /// What has free parameters.
     pub structure: Structure,
+    /// Sections of a cascade, 2 to 4. Default: 2.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sections: Option<usize>,
+    /// Order of a compensator of free order, 1 to 6. Default: 2.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub order: Option<usize>,
+    /// The range of the damping ratios ζ of sections of second order, dimensionless. Default: 0.05 to 100.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub damping_range: Option<[f64; 2]>,
     /// The band: its upper end in Hz, or `[from, to]`.
     pub band_hz: Band,
     /// A fixed gain K, in units of force over those of the position. Default: free.
@@ -99,8 +118,10 @@ fn threshold() -> f64 {
 impl Part for CompensatorDesignSpec {
     fn read(value: &Value, at: &str) -> Result<Self, Problem> {
         read(value, at, "unusable spec").map_err(|problem| {
-            problem
-                .mend("A spec has structure (\"proportional\" or \"lead\") and band_hz (a number), and may have more.")
+            problem.mend(
+                "A spec has structure (\"proportional\", \"lead\", \"cascade\" or \"free_order\") and band_hz (a \
+                 number), and may have more.",
+            )
         })
     }
 }
@@ -120,6 +141,7 @@ impl CompensatorDesignSpec {
             ("gain_range", "gain", spec.gain_range, spec.gain),
             ("zero_range_hz", "zero_hz", spec.zero_range_hz, spec.zero_hz),
             ("pole_range_hz", "pole_hz", spec.pole_range_hz, spec.pole_hz),
+            ("damping_range", "damping", spec.damping_range, None),
         ];
         for (name, other, range, fixed) in ranges {
             let Some([low, high]) = range else { continue };
@@ -145,6 +167,7 @@ impl CompensatorDesignSpec {
                     .mend("Choose the structure lead, or leave it out."));
             }
         }
+        spec.check_structure()?;
         if spec.zero_below_pole {
             let zero = spec.zero_hz.or(spec.zero_range_hz.map(|r| r[0]));
             let pole = spec.pole_hz.or(spec.pole_range_hz.map(|r| r[1]));
@@ -182,5 +205,39 @@ impl CompensatorDesignSpec {
             }
         }
         Ok(spec)
+    }
+
+    /// What belongs to another structure.
+    fn check_structure(&self) -> Result<(), Problem> {
+        let of_structure = [
+            ("sections", self.sections.is_some(), Structure::Cascade),
+            ("order", self.order.is_some(), Structure::FreeOrder),
+            ("damping_range", self.damping_range.is_some(), Structure::FreeOrder),
+        ];
+        if let Some((name, ..)) = of_structure.iter().find(|(_, given, owner)| *given && *owner != self.structure) {
+            return Err(wrong(format!("{name} belongs to another structure"), format!("/spec/{name}"))
+                .mend("sections goes with cascade; order and damping_range go with free_order."));
+        }
+        for (name, value, most) in [("sections", self.sections, MOST_SECTIONS), ("order", self.order, MOST_ORDER)] {
+            let least = if name == "sections" { 2 } else { 1 };
+            if let Some(value) = value.filter(|v| !(least..=most).contains(v)) {
+                return Err(wrong(
+                    format!("{name} is {value}, and must be {least} to {most}"),
+                    format!("/spec/{name}"),
+                ));
+            }
+        }
+        if matches!(self.structure, Structure::Cascade | Structure::FreeOrder) {
+            let fixed = [("zero_hz", self.zero_hz), ("pole_hz", self.pole_hz)];
+            if let Some((name, _)) = fixed.iter().find(|(_, value)| value.is_some()) {
+                let detail = "corners of several sections are not fixed one by one";
+                return Err(wrong(detail, format!("/spec/{name}")).mend("Give zero_range_hz and pole_range_hz."));
+            }
+        }
+        if self.structure == Structure::FreeOrder && self.zero_below_pole {
+            return Err(wrong("zeros and poles of free order have no order", "/spec/zero_below_pole")
+                .mend("Choose the structure cascade, or leave it out."));
+        }
+        Ok(())
     }
 }

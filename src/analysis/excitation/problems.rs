@@ -61,13 +61,23 @@ pub(in crate::analysis) fn path(error: &PathError) -> Problem {
         PathError::Unstable { .. } => new(Code::Invalid, "unstable loop", "/inputs/controller")
             .mend("Lower the gain, or check the sign: the loop is y = P u, u = C (r − y)."),
         PathError::MassDamper { field, .. } => new(Code::Invalid, "unusable plant", &format!("/inputs/plant/{field}")),
+        PathError::Delay { .. } => new(Code::Invalid, "unusable delay", "/inputs/plant/delay_s")
+            .mend("Give a whole number of samples, a longer sample time, or the plant in continuous time."),
         PathError::ContinuousLoop => new(Code::Invalid, "a loop in continuous time", "/spec/discretisation"),
         PathError::Improper { part } => new(Code::Invalid, "improper system", &format!("/inputs/{part}")),
         PathError::Discretise(_) => new(Code::Numerical, "the plant cannot be sampled", "/inputs/plant"),
         PathError::Loop(_) => new(Code::Invalid, "unusable loop", "/inputs"),
-        PathError::Simulation(_) | PathError::NoConvergence(_) => {
+        PathError::Simulation(_) | PathError::NoConvergence(_) | PathError::Stopped(_) => {
             new(Code::Numerical, "beyond working precision", "/inputs")
         }
+    }
+}
+
+/// A way that was not gone to its end.
+pub(in crate::analysis) fn carried(error: &PathError) -> Failure {
+    match error {
+        PathError::Stopped(stopped) => (*stopped).into(),
+        error => path(error).into(),
     }
 }
 
@@ -79,10 +89,18 @@ pub(in crate::analysis) fn design(error: &DesignError) -> Failure {
             .at("/spec")
             .mend("Widen gain_range, or lower limits/decay_per_s.")
             .into(),
+        DesignError::Impossible(_) => Problem::new(Code::Invalid, "impossible limits", error.to_string())
+            .at("/spec/limits")
+            .mend(
+                "Raise the limits to above these bounds, scale the signal's amplitude down (force and motion fall with \
+                 it), or widen the ranges.",
+            )
+            .into(),
         DesignError::Limits { .. } => Problem::new(Code::Invalid, "contradictory limits", error.to_string())
             .at("/spec/limits")
             .mend("Raise the limits to above what was reached, widen the ranges, or scale the signal down.")
             .into(),
+        DesignError::Path(PathError::Stopped(stopped)) => (*stopped).into(),
         DesignError::Path(error) => path(error).into(),
     }
 }

@@ -5,7 +5,8 @@ use super::problems;
 
 use crate::analysis::contract::Failure;
 use crate::ctl::Ctl;
-use crate::excite::sequence::{Sequence, SequenceDetails, SequenceSpec};
+use crate::excite::recording::Declared;
+use crate::excite::sequence::{ChirpPreset, Generator, Sequence, SequenceDetails, SequenceSpec};
 
 /// A signal at hand.
 #[derive(Debug, Clone)]
@@ -28,6 +29,8 @@ pub struct Signal {
     pub uneven_period_s: Option<f64>,
     /// Whether it was made rather than recorded.
     pub is_made: bool,
+    /// What a recording is said to be of.
+    pub declared: Option<Declared>,
 }
 
 impl Signal {
@@ -47,6 +50,7 @@ impl Signal {
             details: made.details,
             uneven_period_s: uneven,
             is_made: true,
+            declared: None,
             values: made.values,
         }
     }
@@ -80,6 +84,7 @@ impl Signal {
                 Some(sequence.sample(ctl).map_err(|error| problems::sequence(&error, at))?)
             }
         };
+        let declared = played.as_ref().zip(excerpt.generator.as_ref()).and_then(|(p, g)| declared(p, g));
         let generated = played.as_ref().and_then(|played| played.period);
         let period_s = excerpt.period_s.or(generated.map(|period| period.seconds));
         let period = match period_s {
@@ -121,6 +126,7 @@ impl Signal {
             details,
             uneven_period_s: None,
             is_made: false,
+            declared,
         })
     }
 
@@ -132,4 +138,23 @@ impl Signal {
             None => (&self.values, self.values.len()),
         }
     }
+}
+
+/// What is compared with a recording of this sequence.
+fn declared(played: &Sequence, generator: &Generator) -> Option<Declared> {
+    let highest_hz = match generator {
+        Generator::Prts(_) | Generator::Prbs(_) => None,
+        Generator::Multisine(_) => played.lines_hz()?.last().copied(),
+        Generator::Chirp(chirp) => Some(match chirp.preset {
+            Some(ChirpPreset::Zhang2015Section32 | ChirpPreset::Zhang2015Section52) => 0.7,
+            None => chirp.from_hz?.max(chirp.to_hz?),
+        }),
+        Generator::FilteredNoise(noise) => Some(noise.edge_hz),
+    };
+    let piece_s = played.chip_s.or(highest_hz.map(|hz| 0.5 / hz))?;
+    let values = match played.period {
+        Some(_) => played.one_period()?.to_vec(),
+        None => played.values.clone(),
+    };
+    Some(Declared { values, is_periodic: played.period.is_some(), piece: (piece_s / played.sample_time_s).max(1.0) })
 }

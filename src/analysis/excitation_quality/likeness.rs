@@ -1,8 +1,10 @@
 //! How a signal resembles itself, and how well its past predicts it.
 
 use super::result::{AutocorrelationResult, CorrelationKind, PredictabilityResult};
+use crate::analysis::contract::Failure;
 use crate::analysis::excitation::signal::Signal;
 use crate::analysis::problem::{Code, Problem};
+use crate::ctl::{Ctl, Stopped};
 use crate::excite::sequence::correlation;
 
 /// Lags of the autocorrelation that are given.
@@ -11,7 +13,11 @@ const LAGS: usize = 200;
 const FORGOTTEN: f64 = 0.1;
 
 /// How well the past predicts the signal, for each horizon that its period is long enough for.
-pub(super) fn predictability(signal: &Signal, horizons_s: &[f64]) -> Result<Vec<PredictabilityResult>, Problem> {
+pub(super) fn predictability(
+    signal: &Signal,
+    horizons_s: &[f64],
+    ctl: &Ctl,
+) -> Result<Vec<PredictabilityResult>, Failure> {
     let (record, samples) = signal.periods();
     let mean = record.iter().sum::<f64>() / record.len() as f64;
     let level: Vec<f64> = record.iter().map(|x| x - mean).collect();
@@ -26,8 +32,8 @@ pub(super) fn predictability(signal: &Signal, horizons_s: &[f64]) -> Result<Vec<
         }
         if around.is_empty() {
             around = match signal.period {
-                Some(n) => correlation::periodic_autocorrelation(&level[..n], n),
-                None => correlation::autocorrelation(&level, level.len()),
+                Some(n) => correlation::periodic_autocorrelation(&level[..n], n, ctl)?,
+                None => correlation::autocorrelation(&level, level.len(), ctl)?,
             };
         }
         let share = correlation::predictability(&around, horizon, spacing).map_err(|error| {
@@ -43,11 +49,11 @@ pub(super) fn predictability(signal: &Signal, horizons_s: &[f64]) -> Result<Vec<
 }
 
 /// How the signal resembles itself later.
-pub(super) fn autocorrelation(signal: &Signal) -> AutocorrelationResult {
+pub(super) fn autocorrelation(signal: &Signal, ctl: &Ctl) -> Result<AutocorrelationResult, Stopped> {
     let (record, samples) = signal.periods();
     let (values, kind) = match signal.period {
-        Some(n) => (correlation::periodic_autocorrelation(&record[..n], n / 2 + 1), CorrelationKind::Periodic),
-        None => (correlation::autocorrelation(record, samples / 2 + 1), CorrelationKind::Record),
+        Some(n) => (correlation::periodic_autocorrelation(&record[..n], n / 2 + 1, ctl)?, CorrelationKind::Periodic),
+        None => (correlation::autocorrelation(record, samples / 2 + 1, ctl)?, CorrelationKind::Record),
     };
     let scale = if values[0] > 0.0 { values[0] } else { 1.0 };
     let values: Vec<f64> = values.iter().map(|r| r / scale).collect();
@@ -57,11 +63,11 @@ pub(super) fn autocorrelation(signal: &Signal) -> AutocorrelationResult {
     let chip = signal.chip_s.map_or(1, |chip_s| ((chip_s / signal.sample_time_s).round() as usize).max(1));
     let step = chip.max(1);
     let shown: Vec<usize> = (0..values.len()).step_by(step).take(LAGS).collect();
-    AutocorrelationResult {
+    Ok(AutocorrelationResult {
         kind,
         lag_s: shown.iter().map(|j| *j as f64 * signal.sample_time_s).collect(),
         value: shown.iter().map(|j| values[*j]).collect(),
         largest_sidelobe: sidelobe.map(|j| values[j]),
         sidelobe_lag_s: sidelobe.map(|j| j as f64 * signal.sample_time_s),
-    }
+    })
 }

@@ -10,6 +10,7 @@
 //! signal; with a controller the signal is the position asked for of their loop. The methods are those of
 //! [`excite`](crate::excite).
 
+mod declaration;
 mod inputs;
 mod likeness;
 mod passage;
@@ -29,19 +30,22 @@ use crate::ctl::Ctl;
 use crate::excite::flatness::{Band, BandError, band_flatness};
 use crate::excite::motion::{Motion, MotionSummary};
 use crate::excite::path::{Carried, Path};
+use crate::excite::recording::compare;
 use crate::excite::spectrum::Spectrum;
 pub use inputs::{ExcitationQualityInputs, SignalAndPath, TrackingTrial};
 use likeness::{autocorrelation, predictability};
 use passage::{path_result, slow_decay, travelled};
 pub use result::{
-    AutocorrelationResult, CorrelationKind, ExcitationQualityResult, FlatnessResult, LineRule, LinesResult, PathResult,
-    PredictabilityResult, SamplesResult, SignalResult,
+    AutocorrelationResult, CorrelationKind, DeclaredResult, ExcitationQualityResult, FlatnessResult, JumpResult,
+    LineRule, LinesResult, PathResult, PredictabilityResult, SamplesResult, SignalResult,
 };
 use serde_json::Value;
 pub use spec::{ExcitationQualitySpec, LineChoice, LineName, Quantity};
 
 /// A band with less of the signal's power than this deserves a warning.
 const LITTLE: f64 = 0.5;
+/// Lines between two looks at whether to go on.
+const CHECKED: usize = 4096;
 /// What counts as rounding beside the strongest line of a made signal.
 const ROUNDING: f64 = 1e-20;
 
@@ -96,9 +100,9 @@ impl Analysis for Plan {
         Samples::named(&samples["sample_time_s"], &[column("signal"), column("force"), column("output")])
     }
 
-    /// Progress counts its parts: the signal, its spectrum, its way, its correlation and its motion.
+    /// Progress counts its parts: the signal, its spectrum, what was declared, its way, its correlation and its motion.
     fn run(&self, library: &Library, ctl: &Ctl) -> Result<Outcome<ExcitationQualityResult>, Failure> {
-        ctl.set_total(5);
+        ctl.set_total(6);
         let step = || -> Result<(), Failure> {
             ctl.advance(1);
             Ok(ctl.check()?)
@@ -119,6 +123,14 @@ impl Analysis for Plan {
         let spectrum = Spectrum::new(record, samples, signal.sample_time_s, ctl)?;
         let (rule, lines) = self.lines(&signal, &spectrum)?;
         step()?;
+        let declared = match &signal.declared {
+            Some(declared) => compare(&signal.values, declared, ctl)?,
+            None => None,
+        };
+        if let Some(compared) = &declared {
+            warnings.extend(declaration::warnings(compared, &signal));
+        }
+        step()?;
         let path = self.path(library, &signal)?;
         let answer = self.answer(&signal, &spectrum, path.as_ref(), ctl)?;
         let flatness = self.flatness(&spectrum, answer.as_ref(), &lines, &mut warnings)?;
@@ -126,14 +138,14 @@ impl Analysis for Plan {
             warnings.extend(slow_decay(path, &lines, spectrum.spacing_hz()));
         }
         step()?;
-        let autocorrelation = autocorrelation(&signal);
-        let predictability = predictability(&signal, &self.spec.horizons_s)?;
+        let autocorrelation = autocorrelation(&signal, ctl)?;
+        let predictability = predictability(&signal, &self.spec.horizons_s, ctl)?;
         step()?;
         let carried = match &path {
             None => None,
-            Some(path) => Some(path.carry(&travelled(&signal)).map_err(|error| problems::path(&error))?),
+            Some(path) => Some(path.carry(&travelled(&signal), ctl).map_err(|error| problems::carried(&error))?),
         };
-        let motion = self.motion(&signal, path.as_ref(), carried.as_ref())?;
+        let motion = self.motion(&signal, path.as_ref(), carried.as_ref(), ctl)?;
         if motion.within_limits == Some(false) {
             warnings.push(Warning::new("limits_broken", "a peak of the motion is above its limit; see motion"));
         }
@@ -157,6 +169,7 @@ impl Analysis for Plan {
         let carrying = self.carrying(&signal, &spectrum);
         let result = ExcitationQualityResult {
             signal: SignalResult::new(&signal, samples, record.len() / samples),
+            declared: declared.map(|compared| DeclaredResult::new(&compared, signal.sample_time_s)),
             flatness,
             whole_band: FlatnessResult::new(Band::UpTo(0.5 / signal.sample_time_s), whole, whole_answer),
             lines: LinesResult::new(rule, &spectrum, answer.as_ref(), &lines, self.spec.max_lines),
@@ -164,6 +177,14 @@ impl Analysis for Plan {
             autocorrelation,
             predictability,
             path: path.as_ref().map(path_result),
+            plant_fit: self
+                .inputs
+                .judged()
+                .plant
+                .as_ref()
+                .map(|plant| plant.fit("/inputs/plant"))
+                .transpose()?
+                .flatten(),
             motion,
             samples: self.spec.include_samples.then(|| SamplesResult {
                 sample_time_s: signal.sample_time_s,
@@ -257,6 +278,9 @@ impl Plan {
         let mut answer = spectrum.clone();
         answer.noise = None;
         for n in 0..answer.mean.len() {
+            if n % CHECKED == 0 {
+                ctl.check()?;
+            }
             answer.mean[n] *= path.response(spectrum.omega_rad_s(n));
             answer.power[n] = answer.mean[n].norm_sqr();
         }
@@ -300,11 +324,12 @@ impl Plan {
         signal: &Signal,
         path: Option<&Path>,
         carried: Option<&Carried>,
-    ) -> Result<MotionSummary, Problem> {
+        ctl: &Ctl,
+    ) -> Result<MotionSummary, Failure> {
         let limits = &self.spec.limits;
         let motion = match (path, carried, self.spec.quantity) {
-            (Some(path), Some(carried), _) => Motion::of_plant(path.plant(), &carried.output, &carried.effort)
-                .map_err(|error| problems::path(&error.into()))?,
+            (Some(path), Some(carried), _) => Motion::of_plant(path.plant(), &carried.output, &carried.effort, ctl)
+                .map_err(|error| problems::carried(&error))?,
             (_, _, Quantity::Force) => Motion::of_force(&signal.values),
             _ => {
                 // The seam between periods is part of a periodic motion.

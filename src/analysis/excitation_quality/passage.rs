@@ -4,6 +4,7 @@ use super::result::PathResult;
 use crate::analysis::excitation::signal::Signal;
 use crate::analysis::report::Warning;
 use crate::control::TimeBase as _;
+use crate::excite::flatness::circle_mean;
 use crate::excite::path::Path;
 use crate::excite::peak::{resonance, supremum};
 use crate::num::Complex64;
@@ -51,6 +52,11 @@ pub(super) fn path_result(path: &Path) -> PathResult {
     let hints = path.pole_hints();
     let resonance = resonance(|w| path.response(w).norm(), nyquist, &hints);
     let disturbance = path.loop_().map(|closed| supremum(|w| closed.disturbance_to_output(w).norm(), nyquist, &hints));
+    let sampled = match path.loop_() {
+        Some(closed) => closed.command_to_output_transfer_function().ok(),
+        None => path.plant().is_sampled().then(|| path.plant().sampled().clone()),
+    };
+    let circle = sampled.as_ref().and_then(circle_mean);
     let hz = |omega: f64| omega / (2.0 * std::f64::consts::PI);
     PathResult {
         is_loop: path.loop_().is_some(),
@@ -60,5 +66,7 @@ pub(super) fn path_result(path: &Path) -> PathResult {
         disturbance_norm: disturbance.map(|peak| peak.value),
         disturbance_norm_hz: disturbance.map(|peak| hz(peak.at)),
         spectral_radius: poles(path).iter().map(|z| z.norm()).fold(0.0, f64::max),
+        leading_coefficient_squared: circle.map(|c| c[0]),
+        zeros_outside_factor: circle.map(|c| c[1]),
     }
 }

@@ -7,7 +7,7 @@ use super::result::{
 use super::task::{Reached, Task, overflow};
 use crate::analysis::problem::{Code, Problem};
 use crate::analysis::report::Warning;
-use crate::excite::design::{Criterion, Fisher};
+use crate::excite::design::Fisher;
 use nalgebra::DMatrix;
 
 impl Task<'_> {
@@ -137,13 +137,20 @@ impl Task<'_> {
         }
         let criterion = self.spec.used.criterion;
         let last = &best.climb.last;
-        let size = if criterion == Criterion::D { 1.0 } else { best.value.abs() };
+        let tolerance = self.spec.used.tolerance;
         let proof = DesignProof {
             first_order_gain: last.gain,
             first_order_bound: last.bound,
             duality_gap: (last.bound - last.gain).abs() / last.bound.abs().max(f64::MIN_POSITIVE),
-            stationarity: last.bound / size,
+            stationarity: best.climb.left,
+            tolerance,
+            is_stationary: best.climb.left <= tolerance,
+            second_order_bound: self
+                .information
+                .second_order_bound(criterion, best.climb.radius)
+                .map(|bound| bound / best.value.abs()),
             trust_region: best.climb.radius,
+            last_trust_region: best.climb.used_radius,
             rows: last.rows,
         };
         let information = [self.information(&before), self.information(&after)];

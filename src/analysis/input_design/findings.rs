@@ -46,6 +46,16 @@ pub(super) fn of_climbs(task: &Task<'_>, results: &[StartResult], best: &Reached
         warnings
             .push(Warning::new("not_converged", format!("the best climb was stopped after {} steps", spec.max_steps)));
     }
+    if best.climb.stop == Stop::SmallestRegion {
+        warnings.push(Warning::new(
+            "held_back",
+            format!(
+                "the best climb ended in its smallest trust region, where a step of the whole region might still gain \
+                 {:.2} % to first order: the limit on the autocorrelation, or the criterion's curvature, holds it back",
+                100.0 * best.climb.left
+            ),
+        ));
+    }
     let fisher = task.information.fisher(&best.climb.input);
     let matrix = fisher.matrix();
     if spec.criterion == Criterion::T && parameters > 1 {

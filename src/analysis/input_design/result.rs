@@ -45,9 +45,10 @@ pub struct InputDesignResult {
 #[schemars(rename = "InputDesignStop")]
 #[serde(rename_all = "snake_case")]
 pub enum StartStop {
-    /// Steps gained less than the tolerance.
+    /// No step within the whole trust region gains more than the tolerance, to first order.
     Converged,
-    /// No step of the smallest trust region gained anything.
+    /// Steps of the smallest trust region gained less than the tolerance, while a step of the whole region might gain
+    /// more to first order: the autocorrelation, or the criterion's curvature, holds it back.
     SmallestRegion,
     /// All steps allowed were made.
     StepLimit,
@@ -151,11 +152,20 @@ pub struct DesignProof {
     pub first_order_bound: f64,
     /// The gap between both, relative to the bound; dimensionless.
     pub duality_gap: f64,
-    /// `first_order_bound` over the criterion's own size: what is left to be gained within the region, at most, to
-    /// first order. Of D it is the bound itself, a change of the logarithm.
+    /// `first_order_bound` as relative growth of the experiment: what no step gains more than, to first order,
+    /// dimensionless.
     pub stationarity: f64,
-    /// The size of the region, in units of the input.
+    /// The tolerance that it is held against, dimensionless.
+    pub tolerance: f64,
+    /// Whether it is no larger than the tolerance: the certificate that the climb has converged.
+    pub is_stationary: bool,
+    /// What the second order adds to the growth of such a step at most, as the same share; null of criteria that are
+    /// not quadratic in the input.
+    pub second_order_bound: Option<f64>,
+    /// The size of the region, in units of the input: δ_u, that the climb began with.
     pub trust_region: f64,
+    /// The last region that the climb used on its way, in the same unit.
+    pub last_trust_region: f64,
     /// Rows of the whole program, after screening, and in the last one solved.
     pub rows: [usize; 3],
 }

@@ -112,7 +112,8 @@ fn seed() -> u64 {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InputDesignSpec {
-    /// Length of the record in samples, N: 10 to 2,000.
+    /// Length of the record in samples, N: 10 to 2,000. The outputs y_0 … y_{N−1} that are recorded beside the input
+    /// samples u_0 … u_{N−1} are what is scored and limited, and nothing after them.
     pub samples: usize,
     /// Sample time in seconds; that of the model, where it is a sampled one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -143,7 +144,8 @@ pub struct InputDesignSpec {
     /// largest magnitude.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trust_region: Option<f64>,
-    /// Relative growth of a step at which the climb ends, above 0 and below 1. Default: 1e-3.
+    /// The climb ends where no step within the trust region gains more than this share, above 0 and below 1: to first
+    /// order, by the bound of a linear program over the whole region. Default: 1e-3.
     #[serde(default = "growth")]
     pub tolerance: f64,
     /// Steps from each start at most, 1 to 2,000. Default: 200.

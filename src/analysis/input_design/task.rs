@@ -43,7 +43,7 @@ impl<'a> Task<'a> {
         let theta = model.nominal();
         let time = Discrete::new(spec.sample_time_s).map_err(overflow)?;
         let at = model.sampled(&theta, time).map_err(overflow)?;
-        let responses = Responses::new(&at, spec.used.input, spec.used.samples).map_err(overflow)?;
+        let responses = Responses::of_record(&at, spec.used.input, spec.used.samples).map_err(overflow)?;
         let information = Information::new(&responses, &spec.measured, &spec.covariance, &spec.scales)
             .ok_or_else(|| wrong("the covariance of the noise is not positive definite", "/spec/noise_covariance"))?;
         let place = |name: &String| model.outputs.iter().position(|known| known == name).unwrap_or(0);

@@ -4,6 +4,8 @@ use super::refusal::wrong;
 use super::spec::{PopulationInput, RobustInputDesignInputs, RobustInputDesignSpec, SubjectSpec};
 use crate::analysis::problem::{Code, Problem};
 use crate::control::Discrete;
+use crate::ctl::Ctl;
+use crate::excite::robust::cost::AVERAGED;
 use crate::excite::robust::search::expected_evaluations;
 use crate::excite::robust::{GAMMA, Setting, THETA};
 use crate::plants::head_neck::{Axis, Population};
@@ -138,7 +140,7 @@ impl Checked {
         }
         let counts = [
             ("draws", spec.draws, 2, MAX_DRAWS),
-            ("fresh_draws", spec.fresh_draws, 2, MAX_DRAWS),
+            ("fresh_draws", spec.fresh_draws, 4, MAX_DRAWS),
             ("max_iterations", spec.max_iterations, 1, MAX_ITERATIONS),
             ("rounds", spec.rounds, 0, MAX_ROUNDS),
         ];
@@ -161,9 +163,31 @@ impl Checked {
             .at("/spec")
             .mend("Take fewer draws, iterations or samples."));
         }
+        if let Some(given) = &spec.given {
+            positive(given.edge_hz, "/spec/given/edge_hz")?;
+            positive(given.width_m, "/spec/given/width_m")?;
+            if given.edge_hz + 0.5 >= nyquist_hz {
+                let detail =
+                    format!("the stop band of an edge at {} Hz begins above the Nyquist frequency", given.edge_hz);
+                return Err(wrong(detail, "/spec/given/edge_hz").mend("Lower the edge, or sample faster."));
+            }
+        }
+        let setting = Setting {
+            population,
+            body_spread: spec.body_spread,
+            muscle_lag_s: spec.muscle_lag_s,
+            derivative_filter_s: spec.derivative_filter_s,
+            time,
+            duration_s: experiment.duration_s,
+            distance_m: experiment.distance_m,
+            noise_rms: experiment.noise_rms,
+            target_seed: experiment.target_seed,
+        };
+        let population = &setting.population;
         let average = match spec.average_subject {
-            None => population.controller.map(|[lower, upper]| 0.5 * (lower + upper)),
             Some(SubjectSpec { k_p, k_d, k_i, tau }) => [k_p, k_d, k_i, tau],
+            // Eight records of at most so many samples: nothing that must be stopped.
+            None => setting.average_subject(spec.seed, &Ctl::new()).unwrap_or([f64::NAN; 4]),
         };
         for ((name, value), [lower, upper]) in THETA.into_iter().zip(average).zip(population.controller) {
             if !(lower..=upper).contains(&value) {
@@ -182,19 +206,7 @@ impl Checked {
                 ));
             }
         }
-        spec.average_subject = Some(SubjectSpec::from(average));
         spec.start = Some(start);
-        let setting = Setting {
-            population,
-            body_spread: spec.body_spread,
-            muscle_lag_s: spec.muscle_lag_s,
-            derivative_filter_s: spec.derivative_filter_s,
-            time,
-            duration_s: experiment.duration_s,
-            distance_m: experiment.distance_m,
-            noise_rms: experiment.noise_rms,
-            target_seed: experiment.target_seed,
-        };
         let checked = Self { inputs, spec, setting, gamma_box, average, start };
         checked.check_stability()?;
         Ok(checked)
@@ -264,15 +276,26 @@ impl Checked {
             "muscle noise: uniform between -T_v and T_v, a new value every sample, added to the torque".to_owned(),
             format!(
                 "draws: {} in the search, the same for every subject and experiment; {} others for the figures under \
-                 `fresh`",
+                 `fresh`, of which the first half chooses the worst subject and the other half says its cost",
                 spec.draws, spec.fresh_draws
             ),
             "cost: penalties averaged over the draws and summed over the samples (the source sums over both); W_e = 1"
             .to_owned(),
+            "nominal experiment: the best for the average subject in the whole range, by a grid and a compass search"
+                .to_owned(),
             "fits: by Levenberg-Marquardt from the true parameters within the population's box (the source: a bounded \
              simplex search)"
                 .to_owned(),
-            format!("average subject: k_p {k_p}, k_d {k_d}, k_i {k_i}, tau {tau} s (the source's θ_A is not printed)"),
+            if spec.average_subject.is_some() {
+                format!("average subject: k_p {k_p}, k_d {k_d}, k_i {k_i}, tau {tau} s, as given")
+            } else {
+                format!(
+                    "average subject: k_p {k_p}, k_d {k_d}, k_i {k_i}, tau {tau} s, which fits the mean response of \
+                     {AVERAGED} subjects drawn from the population best while the target steps by half the largest \
+                     angle of linear motion every 2.5 s (the source's θ_A, the best fit to the mean of 8 preliminary \
+                     trials, is not printed)"
+                )
+            },
             format!(
                 "experiments: edges of {} to {} Hz and widths of {} to {} m (the source's Γ is not printed), searched \
                  from {} Hz and {} m",

@@ -14,6 +14,9 @@ pub(super) fn warnings(
     difference: &DifferenceResult,
 ) -> Vec<Warning> {
     let mut warnings = Vec::new();
+    if difference.verdict == RobustVerdict::NotDistinguished {
+        warnings.push(Warning::new("null_result", conclusion(nominal, robust, difference)));
+    }
     warnings.push(Warning::new(
         "assumptions_declared",
         "the source leaves out the muscle, the derivative's filter, sample time, length, number of draws, scaling of \
@@ -37,15 +40,17 @@ pub(super) fn warnings(
         ));
     }
     for (name, worst, fresh) in [("nominal", &outcome.nominal, nominal), ("robust", &outcome.robust, robust)] {
-        let [lower, upper] = fresh.interval;
-        if !(lower..=upper).contains(&worst.cost()) {
+        let [lower, upper] = fresh.optimism.interval;
+        if !(lower..=upper).contains(&0.0) {
             warnings.push(Warning::new(
                 "draws_too_few",
                 format!(
-                    "the search put the worst cost of the {name} experiment at {:.4} where fresh draws give {:.4} \
-                     ({lower:.4} to {upper:.4}): it knew its own draws too well; give more draws",
-                    worst.cost(),
-                    fresh.cost
+                    "the search put the cost of the {name} experiment's worst subject {:.4} ({lower:.4} to {upper:.4}) \
+                     from what fresh draws give, {:.4}, and that of all subjects at {:.4}: it knew its own draws too \
+                     well; give more draws",
+                    -fresh.optimism.mean,
+                    fresh.cost,
+                    worst.cost()
                 ),
             ));
         }
@@ -72,4 +77,21 @@ pub(super) fn warnings(
         }
     }
     warnings
+}
+
+/// What came of the comparison, in a sentence.
+pub(super) fn conclusion(nominal: &FreshResult, robust: &FreshResult, difference: &DifferenceResult) -> String {
+    let [lower, upper] = difference.interval;
+    let figures = format!(
+        "with fresh draws its worst subject costs {:.4} where the nominal experiment's costs {:.4}, a difference of \
+         {:.4} ({lower:.4} to {upper:.4})",
+        robust.cost, nominal.cost, difference.mean
+    );
+    match difference.verdict {
+        RobustVerdict::RobustBetter => format!("The robust experiment spares its worst subject: {figures}."),
+        RobustVerdict::NotDistinguished => {
+            format!("Null result: the robust experiment is not distinguished from the nominal one: {figures}.")
+        }
+        RobustVerdict::RobustWorse => format!("The robust experiment is worse than the nominal one: {figures}."),
+    }
 }

@@ -22,6 +22,7 @@ use super::inputs::library::Library;
 use super::kind::Kind;
 use super::problem::{Code, Problem};
 use crate::ctl::{Ctl, Phase};
+use crate::excite::robust::cost::TOLERANCE;
 use crate::excite::robust::search::expected_evaluations;
 use crate::excite::robust::{Draw, DrawCost, Search, Worst, costs, draws};
 use crate::excite::sequence::SequenceError;
@@ -30,12 +31,13 @@ use crate::num::stats::{mean, standard_deviation};
 use checked::Checked;
 use refusal::wrong;
 pub use result::{
-    CostParts, DesignResult, DifferenceResult, FreshResult, IterationResult, RobustInputDesignResult, RobustVerdict,
-    SubjectCost,
+    CostDifference, CostParts, DesignResult, DifferenceResult, FreshResult, GivenResult, IterationResult,
+    RobustInputDesignResult, RobustVerdict, SubjectCost,
 };
 use serde_json::Value;
 pub use spec::{
-    ControllerRanges, ExperimentSpec, PopulationInput, RobustInputDesignInputs, RobustInputDesignSpec, SubjectSpec,
+    ControllerRanges, ExperimentSpec, GivenExperiment, PopulationInput, RobustInputDesignInputs, RobustInputDesignSpec,
+    SubjectSpec,
 };
 
 /// The level of the intervals.
@@ -97,17 +99,32 @@ impl Analysis for Plan {
         let checked = &*self.checked;
         let spec = &checked.spec;
         ctl.enter(Phase::Search, 0.9);
-        ctl.set_total(expected_evaluations(spec.max_iterations, spec.rounds));
+        ctl.set_total(expected_evaluations(spec.max_iterations, spec.rounds) + 40);
         let drawn = draws(&checked.setting, spec.draws, spec.seed, "design");
         let mut search = Search::new(&checked.setting, checked.gamma_box, &drawn, ctl);
         let outcome = search
             .run(checked.average, checked.start, spec.max_iterations, spec.rounds)
             .map_err(|error| sequence(&error))?;
+        let given = match &spec.given {
+            None => None,
+            Some(given) => {
+                let known = [outcome.nominal.subjects[0].0, outcome.robust.subjects[0].0, checked.average];
+                Some(search.worst([given.edge_hz, given.width_m], &known).map_err(|error| sequence(&error))?)
+            }
+        };
         ctl.enter(Phase::Verification, 0.1);
-        ctl.set_total(2 * 6);
+        ctl.set_total(3 * 8);
         let again = draws(&checked.setting, spec.fresh_draws, spec.seed, "fresh");
-        let nominal = self.fresh(&outcome.nominal, &again, ctl)?;
-        let robust = self.fresh(&outcome.robust, &again, ctl)?;
+        let fresh = |worst: &Worst| self.fresh(worst, &drawn, &again, ctl);
+        let nominal = fresh(&outcome.nominal)?;
+        let robust = fresh(&outcome.robust)?;
+        let given = match given {
+            None => None,
+            Some(worst) => {
+                let fresh = fresh(&worst)?;
+                Some((worst, fresh))
+            }
+        };
         let difference = difference(&nominal, &robust);
         let warnings = findings::warnings(checked, &outcome, &nominal.result, &robust.result, &difference);
         let design = |worst: &Worst, fresh: FreshResult| -> Result<DesignResult, Failure> {
@@ -122,10 +139,22 @@ impl Analysis for Plan {
                 fresh,
             })
         };
+        let given = given
+            .map(|(worst, fresh)| -> Result<GivenResult, Failure> {
+                Ok(GivenResult {
+                    over_nominal: paired(&fresh, &nominal),
+                    over_robust: paired(&fresh, &robust),
+                    design: design(&worst, fresh.result)?,
+                })
+            })
+            .transpose()?;
         let result = RobustInputDesignResult {
+            conclusion: findings::conclusion(&nominal.result, &robust.result, &difference),
             axis: checked.inputs.axis,
             robust: design(&outcome.robust, robust.result)?,
             nominal: design(&outcome.nominal, nominal.result)?,
+            given,
+            average_subject: checked.average.into(),
             nominal_cost: outcome.nominal_cost,
             difference,
             trace: outcome.trace.iter().map(IterationResult::from).collect(),
@@ -140,29 +169,36 @@ impl Analysis for Plan {
 }
 
 impl Plan {
-    /// The worst of an experiment's worst subjects, with draws that the search has never seen.
-    fn fresh(&self, worst: &Worst, drawn: &[Draw], ctl: &Ctl) -> Result<Fresh, Failure> {
+    /// What the worst of an experiment's worst subjects costs: chosen with one half of draws that the search has never
+    /// seen, estimated with the other, which the choice has not seen either; beside it what the search saw.
+    fn fresh(&self, worst: &Worst, seen: &[Draw], again: &[Draw], ctl: &Ctl) -> Result<Fresh, Failure> {
         let setting = &self.checked.setting;
         let target = setting.target(worst.gamma, ctl).map_err(|error| sequence(&error))?;
-        let mut most: Option<(f64, [f64; 4], Vec<DrawCost>)> = None;
-        for (theta, _) in &worst.subjects {
-            let found = costs(setting, *theta, &target, drawn, ctl)?;
+        let estimate = |theta: [f64; 4], draws: &[Draw]| -> Result<Vec<DrawCost>, Failure> {
+            let found = costs(setting, theta, &target, draws, TOLERANCE[1], f64::INFINITY, ctl)?;
             ctl.advance(1);
-            let cost = mean(&found.iter().map(DrawCost::total).collect::<Vec<_>>()).unwrap_or(f64::MAX);
-            if most.as_ref().is_none_or(|(known, ..)| cost > *known) {
-                most = Some((cost, *theta, found));
+            Ok(found)
+        };
+        let (choosing, judging) = again.split_at(again.len() / 2);
+        let mut most: Option<(f64, [f64; 4])> = None;
+        for (theta, _) in &worst.subjects {
+            let cost = mean(&totals(&estimate(*theta, choosing)?)).unwrap_or(f64::MAX);
+            if most.is_none_or(|(known, _)| cost > known) {
+                most = Some((cost, *theta));
             }
         }
-        let Some((cost, theta, found)) = most else {
+        let Some((_, theta)) = most else {
             let detail = "the search found no subject";
             return Err(Problem::new(Code::Internal, "no subject", detail).into());
         };
-        let totals: Vec<f64> = found.iter().map(DrawCost::total).collect();
+        let (found, searched) = (estimate(theta, judging)?, totals(&estimate(theta, seen)?));
+        let totals = totals(&found);
         let part = |of: &dyn Fn(&DrawCost) -> f64| mean(&found.iter().map(of).collect::<Vec<_>>()).unwrap_or(0.0);
         let result = FreshResult {
             subject: SubjectSpec::from(theta),
-            cost,
+            cost: mean(&totals).unwrap_or(f64::MAX),
             interval: interval(&totals),
+            optimism: independent(&totals, &searched),
             parts: CostParts {
                 error: part(&|c| c.error),
                 acceleration: part(&|c| c.excursions[0]),
@@ -174,6 +210,30 @@ impl Plan {
         };
         Ok(Fresh { result, totals })
     }
+}
+
+fn totals(costs: &[DrawCost]) -> Vec<f64> {
+    costs.iter().map(DrawCost::total).collect()
+}
+
+/// The mean of one sample less that of an independent other, with Welch's interval.
+fn independent(one: &[f64], other: &[f64]) -> CostDifference {
+    let centre = mean(one).unwrap_or(0.0) - mean(other).unwrap_or(0.0);
+    let part = |values: &[f64]| {
+        let n = values.len() as f64;
+        (standard_deviation(values).unwrap_or(0.0).powi(2) / n, n - 1.0)
+    };
+    let ((a, na), (b, nb)) = (part(one), part(other));
+    let variance = a + b;
+    let freedom = if variance > 0.0 { variance * variance / (a * a / na + b * b / nb) } else { na + nb };
+    let half = student_t(LEVEL, freedom.max(1.0)) * variance.sqrt();
+    CostDifference { mean: centre, interval: [centre - half, centre + half] }
+}
+
+/// The mean of one experiment's costs less the other's with the same draws.
+fn paired(one: &Fresh, other: &Fresh) -> CostDifference {
+    let differences: Vec<f64> = one.totals.iter().zip(&other.totals).map(|(a, b)| a - b).collect();
+    CostDifference { mean: mean(&differences).unwrap_or(0.0), interval: interval(&differences) }
 }
 
 fn sequence(error: &SequenceError) -> Failure {
@@ -193,8 +253,7 @@ fn interval(values: &[f64]) -> [f64; 2] {
 
 /// What the robust experiment spares the worst subject, draw by draw.
 fn difference(nominal: &Fresh, robust: &Fresh) -> DifferenceResult {
-    let differences: Vec<f64> = nominal.totals.iter().zip(&robust.totals).map(|(n, r)| n - r).collect();
-    let interval = interval(&differences);
+    let CostDifference { mean, interval } = paired(nominal, robust);
     let verdict = if interval[0] > 0.0 {
         RobustVerdict::RobustBetter
     } else if interval[1] < 0.0 {
@@ -202,5 +261,5 @@ fn difference(nominal: &Fresh, robust: &Fresh) -> DifferenceResult {
     } else {
         RobustVerdict::NotDistinguished
     };
-    DifferenceResult { mean: mean(&differences).unwrap_or(0.0), interval, verdict, no_worse: interval[1] >= 0.0 }
+    DifferenceResult { mean, interval, verdict, no_worse: interval[1] >= 0.0 }
 }

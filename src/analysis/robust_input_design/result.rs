@@ -10,12 +10,19 @@ use serde::Serialize;
 /// The result of `robust_input_design`.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct RobustInputDesignResult {
+    /// What came of it, in a sentence; of a search that found nothing better it begins with `Null result`.
+    pub conclusion: String,
     /// About which axis the head turns.
     pub axis: Axis,
     /// The experiment whose worst subject costs least.
     pub robust: DesignResult,
-    /// The experiment that is best for the average subject.
+    /// The experiment that is best for the average subject: the baseline.
     pub nominal: DesignResult,
+    /// The experiment at hand, with what it costs its worst subject more than the nominal and than the robust one; null
+    /// without.
+    pub given: Option<GivenResult>,
+    /// θ_A: whom the nominal experiment is best for.
+    pub average_subject: SubjectSpec,
     /// What that one costs with the average subject: its J, dimensionless.
     pub nominal_cost: f64,
     /// What the robust experiment spares its worst subject, with fresh draws.
@@ -28,7 +35,7 @@ pub struct RobustInputDesignResult {
     pub rounds: usize,
     /// Whether the last round met no subject worse than those taken into account.
     pub closed: bool,
-    /// Evaluations of the cost.
+    /// Evaluations of the cost, those included that the excursions alone settled.
     pub evaluations: usize,
     /// Everything that is assumed beyond the source, in words and numbers.
     pub assumptions: Vec<String>,
@@ -54,6 +61,28 @@ pub struct DesignResult {
     pub fresh: FreshResult,
 }
 
+/// The experiment at hand.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "RobustInputDesignGivenResult")]
+pub struct GivenResult {
+    /// The experiment.
+    pub design: DesignResult,
+    /// Its worst cost less that of the nominal experiment, draw by draw.
+    pub over_nominal: CostDifference,
+    /// Its worst cost less that of the robust experiment, draw by draw.
+    pub over_robust: CostDifference,
+}
+
+/// A mean with its interval.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "RobustInputDesignCostDifference")]
+pub struct CostDifference {
+    /// Mean of the difference of J, dimensionless.
+    pub mean: f64,
+    /// Its 95 % interval, by Student's t.
+    pub interval: [f64; 2],
+}
+
 /// A subject and its cost.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "RobustInputDesignSubjectCost")]
@@ -74,12 +103,14 @@ impl SubjectCost {
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "RobustInputDesignFresh")]
 pub struct FreshResult {
-    /// The subject: the worst, with these draws, of those that the search found worst.
+    /// The subject: the worst of those that the search found worst, with draws that are used for nothing else.
     pub subject: SubjectSpec,
-    /// Its cost J, dimensionless.
+    /// Its cost J, dimensionless, with draws that neither the search nor this choice has seen.
     pub cost: f64,
     /// Its 95 % interval, by Student's t over the draws.
     pub interval: [f64; 2],
+    /// The optimism of the search: that cost less the one that the search saw for the same subject with its own draws.
+    pub optimism: CostDifference,
     /// What J is made of.
     pub parts: CostParts,
     /// Draws of body and muscle noise.

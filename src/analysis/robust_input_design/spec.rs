@@ -129,15 +129,32 @@ impl Default for ExperimentSpec {
     }
 }
 
+/// An experiment that is at hand.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "RobustInputDesignGiven")]
+pub struct GivenExperiment {
+    /// Edge of the target's pass band, in Hz; it may lie outside of the range that is searched.
+    pub edge_hz: f64,
+    /// Width of the screen, in m; likewise.
+    pub width_m: f64,
+}
+
 /// The spec of `robust_input_design`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RobustInputDesignSpec {
     /// Which experiments are considered.
     pub experiment: ExperimentSpec,
-    /// θ_A: whom the nominal experiment is designed for, and where the min-max starts. Default: the middle of the
-    /// population.
+    /// θ_A: whom the nominal experiment is designed for, and where the min-max starts. Default: as the thesis defines
+    /// it, the subject that fits the mean response of eight best; here of eight simulated subjects of the population
+    /// whose target steps.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub average_subject: Option<SubjectSpec>,
+    /// An experiment that is at hand: its worst subject is sought, and it is compared with the nominal and the robust
+    /// one. Default: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub given: Option<GivenExperiment>,
     /// Edge (Hz) and width (m) that the searches start from. Default: the middle of the ranges.
     pub start: Option<[f64; 2]>,
     /// T_m, the time constant of the muscle, in s. Default: 0.05.
@@ -148,7 +165,8 @@ pub struct RobustInputDesignSpec {
     pub body_spread: f64,
     /// Draws of body and muscle noise in the search, the same for all that it compares. Default: 48.
     pub draws: usize,
-    /// Draws that the answers are re-estimated with. Default: 200.
+    /// Draws that the answers are re-estimated with, 4 at least: the first half chooses the worst of the subjects that
+    /// the search found worst, the other half says what it costs. Default: 200.
     pub fresh_draws: usize,
     /// Iterations of the min-max at most. Default: 25.
     pub max_iterations: usize,
@@ -163,6 +181,7 @@ impl Default for RobustInputDesignSpec {
         Self {
             experiment: ExperimentSpec::default(),
             average_subject: None,
+            given: None,
             start: None,
             muscle_lag_s: MUSCLE_LAG_S,
             derivative_filter_s: DERIVATIVE_FILTER_S,

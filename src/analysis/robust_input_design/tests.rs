@@ -31,17 +31,55 @@ fn the_worst_subject_is_no_worse_off_than_with_the_nominal_experiment() {
             assert!((sum - number(&result[design]["fresh"]["cost"])).abs() < 1e-9 * (1.0 + sum));
         }
         // Where a search knew its few draws too well, it says so.
-        let is_outside = ["robust", "nominal"].into_iter().any(|design| {
-            let fresh: [f64; 2] = serde_json::from_value(result[design]["fresh"]["interval"].clone()).unwrap();
-            !(fresh[0]..=fresh[1]).contains(&number(&result[design]["worst_cost"]))
+        let optimisms = ["robust", "nominal"].map(|design| result[design]["fresh"]["optimism"].clone());
+        let is_outside = optimisms.iter().any(|optimism| {
+            let interval: [f64; 2] = serde_json::from_value(optimism["interval"].clone()).unwrap();
+            assert!((interval[0]..=interval[1]).contains(&number(&optimism["mean"])));
+            !(interval[0]..=interval[1]).contains(&0.0)
         });
         assert_eq!(report.warnings.iter().any(|warning| warning.code == "draws_too_few"), is_outside);
+        assert_eq!(result["robust"]["fresh"]["draws"], json!(12), "half of the fresh draws choose, half estimate");
+        // A null result is the first thing that is said.
+        let is_null = result["difference"]["verdict"] == "not_distinguished";
+        assert_eq!(report.warnings[0].code == "null_result", is_null);
+        assert_eq!(result["conclusion"].as_str().unwrap().starts_with("Null result"), is_null);
+        assert!(result["given"].is_null());
         let csv = samples::csv(&report).unwrap();
         assert!(csv.starts_with("t,signal,nominal\r\n0.0,") && csv.lines().count() == 201);
         assert_eq!(report.provenance.seed, Some(1));
         let again = plan.run(&Library::default(), &Ctl::new()).unwrap();
         assert_eq!(again.provenance.result_sha256, report.provenance.result_sha256);
     }
+}
+
+#[test]
+fn a_given_experiment_is_evaluated_and_a_design_against_itself_is_a_null_result() {
+    let mut spec = small();
+    // One experiment is all that there is: robust, nominal and given are the same.
+    spec["experiment"]["edge_hz"] = json!([0.8, 0.800_000_1]);
+    spec["experiment"]["width_m"] = json!([0.6, 0.600_000_1]);
+    spec["given"] = json!({"edge_hz": 0.8, "width_m": 0.6});
+    spec["max_iterations"] = json!(1);
+    spec["rounds"] = json!(0);
+    let report =
+        plan(json!({"axis": "flexion_extension"}), spec).unwrap().run(&Library::default(), &Ctl::new()).unwrap();
+    let result = &report.result;
+    assert_eq!(result["difference"]["verdict"], "not_distinguished");
+    assert_eq!(report.warnings[0].code, "null_result");
+    assert!(result["conclusion"].as_str().unwrap().starts_with("Null result"));
+    let given = &result["given"]["design"];
+    assert_eq!((given["edge_hz"].as_f64(), given["width_m"].as_f64()), (Some(0.8), Some(0.6)));
+    let over = result["given"]["over_nominal"]["mean"].as_f64().unwrap();
+    assert!(over.abs() < 1e-3 * given["fresh"]["cost"].as_f64().unwrap().max(1.0), "{over}");
+    // Far outside of what a neck bears, the same evaluation says so.
+    let mut spec = small();
+    spec["given"] = json!({"edge_hz": 3.0, "width_m": 4.0});
+    spec["max_iterations"] = json!(1);
+    spec["rounds"] = json!(0);
+    let report =
+        plan(json!({"axis": "flexion_extension"}), spec).unwrap().run(&Library::default(), &Ctl::new()).unwrap();
+    let interval = &report.result["given"]["over_nominal"]["interval"];
+    assert!(interval[0].as_f64().unwrap() > 0.0, "{interval}");
 }
 
 #[test]
@@ -56,6 +94,9 @@ fn impossible_experiments_are_named() {
         (axis.clone(), json!({"experiment": {"sample_time_s": 0}}), "/spec/experiment/sample_time_s", "0 s"),
         (axis.clone(), json!({"experiment": {"duration_s": 0.1}}), "/spec/experiment/duration_s", "samples"),
         (axis.clone(), json!({"draws": 1}), "/spec/draws", "from 2"),
+        (axis.clone(), json!({"fresh_draws": 3}), "/spec/fresh_draws", "from 4"),
+        (axis.clone(), json!({"given": {"edge_hz": 30, "width_m": 1}}), "/spec/given/edge_hz", "Nyquist"),
+        (axis.clone(), json!({"given": {"edge_hz": 1, "width_m": 0}}), "/spec/given/width_m", "positive"),
         (axis.clone(), json!({"start": [5, 1]}), "/spec/start/0", "outside"),
         (
             axis.clone(),

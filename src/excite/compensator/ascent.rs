@@ -4,7 +4,7 @@ use super::climb::climb;
 use super::design::{Design, DesignLimits};
 use super::space::{EDGE, Space};
 use crate::ctl::{Ctl, Stopped};
-use crate::excite::peak::golden;
+use crate::excite::peak::{golden, golden_in};
 
 /// A climb that ends this near an edge is tried on it.
 const NEAR_EDGE: f64 = 0.05;
@@ -24,8 +24,14 @@ const FROM_TOP: Outward = Outward { steps: 16, first: 0.004 };
 const FROM_NEAR: Outward = Outward { steps: 25, first: 1e-5 };
 /// How much longer each step is.
 const GROWTH: f64 = 1.6;
-/// Halvings between a gain that breaks a limit and one that keeps it.
-const HALVINGS: usize = 26;
+/// Steps between a gain that breaks a limit and one that keeps it.
+const NARROWINGS: usize = 40;
+/// An edge is found when it is known this well, in the logarithm of the gain.
+const NARROW: f64 = 1e-8;
+/// A gain whose excess is this little below zero is on the edge.
+const AT_LIMIT: f64 = 1e-9;
+/// Steps of a golden section along the gain, where the maximum is flat: to 5e-5.
+const ALONG: usize = 20;
 
 /// What is climbed.
 pub(super) struct Task<'a> {
@@ -50,6 +56,11 @@ impl Task<'_> {
     /// Whether the limits are kept at a point whose loop is stable.
     pub(super) fn keeps(&self, x: &[f64]) -> bool {
         self.design.keeps(&self.space.compensator(x), self.limits)
+    }
+
+    /// By how much they are broken there; see [`Design::excess`].
+    fn excess(&self, x: &[f64]) -> f64 {
+        self.design.excess(&self.space.compensator(x), self.limits, false)
     }
 
     fn value(&self, x: &[f64]) -> f64 {
@@ -131,17 +142,18 @@ impl Task<'_> {
         let top = if high - low < EDGE {
             low
         } else {
-            let peak = golden(value, (near - REACH).max(low), (near + REACH).min(high));
+            let peak = golden_in(value, (near - REACH).max(low), (near + REACH).min(high), ALONG);
             if peak.value > value(near) { peak.at } else { near }
         };
         let kept = |gain: f64| value(gain).is_finite() && self.keeps(&at(gain));
+        let excess = |gain: f64| if value(gain).is_finite() { self.excess(&at(gain)) } else { f64::INFINITY };
         if kept(top) {
             return Ok(Some((top, value(top))));
         }
         // From where the last one was kept, the way to the top ends at a limit.
         let mut best: Option<(f64, f64)> = None;
         if kept(near) {
-            let edge = edge_of(&kept, near, top);
+            let edge = edge_of(&excess, near, top);
             best = Some((edge, value(edge)));
         }
         for (from, outward) in [(top, FROM_TOP), (near, FROM_NEAR)] {
@@ -149,10 +161,10 @@ impl Task<'_> {
                 break;
             }
             for direction in [-1.0, 1.0] {
-                let Some(inside) = self.first_kept(&kept, from, direction, outward)? else { continue };
+                let Some(inside) = self.first_kept(&kept, &excess, from, direction, outward)? else { continue };
                 // Within what keeps the limits there may be a better place than its edge.
                 let further = if direction > 0.0 { (inside + REACH).min(high) } else { (inside - REACH).max(low) };
-                let peak = golden(value, inside.min(further), inside.max(further));
+                let peak = golden_in(value, inside.min(further), inside.max(further), ALONG);
                 for gain in [inside, peak.at] {
                     let reached = value(gain);
                     if best.is_none_or(|(_, value)| reached > value) && kept(gain) {
@@ -168,6 +180,7 @@ impl Task<'_> {
     fn first_kept(
         &self,
         kept: &impl Fn(f64) -> bool,
+        excess: &impl Fn(f64) -> f64,
         from: f64,
         direction: f64,
         outward: Outward,
@@ -181,7 +194,7 @@ impl Task<'_> {
                 break;
             }
             if kept(inside) {
-                return Ok(Some(edge_of(kept, inside, outside)));
+                return Ok(Some(edge_of(excess, inside, outside)));
             }
             outside = inside;
             step *= GROWTH;
@@ -190,14 +203,31 @@ impl Task<'_> {
     }
 }
 
-/// The last gain that keeps the limits on the way from one that does to one that does not.
-fn edge_of(kept: &impl Fn(f64) -> bool, mut inside: f64, mut outside: f64) -> f64 {
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (outside + inside);
-        if kept(middle) {
-            inside = middle;
+/// The last gain that keeps the limits on the way from one that does to one that does not: where their excess passes
+/// zero, by false position with halved ends (the Illinois method), and by halving where the excess is infinite.
+fn edge_of(excess: &impl Fn(f64) -> f64, mut inside: f64, mut outside: f64) -> f64 {
+    // The excess at both ends, halved where the other end moves twice.
+    let (mut below, mut above) = (excess(inside), excess(outside));
+    let (mut at_limit, mut last) = (below >= -AT_LIMIT, 0);
+    for _ in 0..NARROWINGS {
+        if (outside - inside).abs() <= NARROW || at_limit {
+            break;
+        }
+        let share = if below.is_finite() && above.is_finite() { -below / (above - below) } else { 0.5 };
+        let next = inside + share.clamp(1e-3, 1.0 - 1e-3) * (outside - inside);
+        let reached = excess(next);
+        if reached <= 0.0 {
+            (inside, below, at_limit) = (next, reached, reached >= -AT_LIMIT);
+            if last < 0 {
+                above *= 0.5;
+            }
+            last = -1;
         } else {
-            outside = middle;
+            (outside, above) = (next, reached);
+            if last > 0 {
+                below *= 0.5;
+            }
+            last = 1;
         }
     }
     inside

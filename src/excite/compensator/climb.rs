@@ -1,7 +1,7 @@
 //! Climbing without derivatives, within a box.
 
-/// Steps at most.
-const STEPS: usize = 400;
+/// Steps at most, in few unknowns, and for each of more.
+const STEPS: [usize; 2] = [400, 150];
 /// The simplex is as good as a point when it is this small, in the logarithms of the unknowns.
 const SMALL: f64 = 1e-7;
 
@@ -39,7 +39,7 @@ fn once(f: &mut impl FnMut(&[f64]) -> f64, start: &[f64], size: &[f64], bounds: 
         let value = f(&corner);
         simplex.push((corner, value));
     }
-    for _ in 0..STEPS {
+    for _ in 0..STEPS[0].max(STEPS[1] * n) {
         simplex.sort_by(|a, b| b.1.total_cmp(&a.1));
         let spread = (0..n)
             .map(|j| simplex[1..].iter().map(|(x, _)| (x[j] - simplex[0].0[j]).abs()).fold(0.0, f64::max))

@@ -1,56 +1,22 @@
-//! A compensator, and how good its loop is.
+//! The loop that a compensator is chosen for, and how good it is with one.
 
-use crate::control::{Discrete, System, TimeBase as _, TransferFunction, stability};
+use super::controller::Compensator;
+use super::following::{Following, Limited};
+use super::norm::NormGrid;
+use crate::control::{System, TimeBase as _, stability};
+use crate::ctl::Ctl;
 use crate::excite::flatness::flatness;
 use crate::excite::motion::{Motion, MotionLimits, MotionSummary};
-use crate::excite::path::{Path, PathError, SampledPlant, pole_hints};
-use crate::excite::peak::{Peak, resonance, supremum};
+use crate::excite::path::{Path, PathError, SampledPlant};
+use crate::excite::peak::{Peak, resonance};
 use crate::num::{Complex64, Polynomial};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// `C(s) = K (s + 2πf_z)/(s + 2πf_p)`: a lead where f_z < f_p, a lag where f_z > f_p, proportional where they are
-/// equal.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Compensator {
-    /// K, in force per position: the gain at high frequency.
-    pub gain: f64,
-    /// f_z, Hz.
-    pub zero_hz: f64,
-    /// f_p, Hz.
-    pub pole_hz: f64,
-}
-
-impl Compensator {
-    /// Proportional control.
-    #[must_use]
-    pub fn proportional(gain: f64) -> Self {
-        Self { gain, zero_hz: 1.0, pole_hz: 1.0 }
-    }
-
-    /// Numerator and denominator in z by Tustin's substitution (Qiu 2021, before equation 17); constants for equal
-    /// corners.
-    fn coefficients(&self, time: Discrete) -> (Vec<f64>, Vec<f64>) {
-        if self.zero_hz == self.pole_hz {
-            return (vec![self.gain], vec![1.0]);
-        }
-        let k = 2.0 / time.period_s();
-        let (z, p) = (2.0 * PI * self.zero_hz, 2.0 * PI * self.pole_hz);
-        let scale = self.gain / (k + p);
-        (vec![scale * (k + z), scale * (z - k)], vec![1.0, (p - k) / (k + p)])
-    }
-
-    /// The controller in sampled time.
-    ///
-    /// # Errors
-    /// [`PathError`] for coefficients that are not finite.
-    pub fn sampled(&self, time: Discrete) -> Result<TransferFunction<Discrete>, PathError> {
-        let (num, den) = self.coefficients(time);
-        TransferFunction::new(&num, &den, time)
-            .map_err(|error| PathError::Discretise(crate::control::discretise::DiscretiseError::from(error)))
-    }
-}
+/// Peaks are held this share below their limits while compensators are compared, so that what is kept there is kept by
+/// the simulation that is reported, whose rounding differs.
+const WITHIN: f64 = 1.0 - 1e-9;
 
 /// What a design must keep beside stability.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -115,6 +81,8 @@ pub struct Design {
     /// Two periods of the reference, or the record: what the device follows from rest.
     reference: Vec<f64>,
     reference_sfm: f64,
+    following: Option<Following>,
+    norm: NormGrid,
 }
 
 /// A compensator with its findings.
@@ -126,6 +94,8 @@ pub struct Judged {
     pub blsfg: f64,
     /// γ_x² of the band.
     pub output_sfm: f64,
+    /// σ_x²: the mean of the position's powers over the lines of the band.
+    pub output_mean: f64,
     /// The resonance of `X/R`, at its angular frequency; none where the gain nowhere exceeds that at 0 Hz.
     pub resonance: Option<Peak>,
     /// ‖S P‖∞ and the angular frequency where it is reached.
@@ -139,7 +109,7 @@ pub struct Judged {
 }
 
 impl Design {
-    /// A plant and the reference's lines in the band: angular frequencies and powers.
+    /// A plant and the reference's lines in the band: angular frequencies and powers (mean squares).
     ///
     /// # Panics
     /// If there are no lines, or of different number, which is a mistake of the caller.
@@ -150,7 +120,33 @@ impl Design {
         let lines =
             omegas.iter().zip(powers).map(|(w, s)| (time.point(*w), plant.response(*w), *s)).collect::<Vec<_>>();
         let reference_sfm = flatness(powers.iter().copied());
-        Self { plant, lines, reference, reference_sfm }
+        let following = Following::new(&plant, reference.clone());
+        let norm = NormGrid::new(&plant);
+        Self { plant, lines, reference, reference_sfm, following, norm }
+    }
+
+    /// What the device follows from rest.
+    #[must_use]
+    pub fn reference(&self) -> &[f64] {
+        &self.reference
+    }
+
+    /// σ_r²: the mean of the reference's powers over the lines of the band.
+    #[must_use]
+    pub fn reference_mean(&self) -> f64 {
+        self.lines.iter().map(|(_, _, s)| s).sum::<f64>() / self.lines.len() as f64
+    }
+
+    /// The position's powers at the lines of the band.
+    fn output_powers(&self, compensator: &Compensator) -> Vec<f64> {
+        let (num, den) = compensator.coefficients(self.plant.time());
+        let horner = |p: &[f64], z: Complex64| p.iter().fold(Complex64::new(0.0, 0.0), |sum, c| sum * z + c);
+        let power = |(z, p, s): &(Complex64, Complex64, f64)| {
+            // C P/(1 + C P), with one division.
+            let (above, below) = (p * horner(num.coefficients(), *z), horner(den.coefficients(), *z));
+            above.norm_sqr() / (above + below).norm_sqr() * s
+        };
+        self.lines.iter().map(power).collect()
     }
 
     /// γ_r² of the band.
@@ -174,7 +170,7 @@ impl Design {
     fn loop_polynomial(&self, compensator: &Compensator) -> Polynomial {
         let (num, den) = compensator.coefficients(self.plant.time());
         let plant = self.plant.sampled();
-        plant.den().mul(&Polynomial::new(den)).add(&plant.num().mul(&Polynomial::new(num)))
+        plant.den().mul(&den).add(&plant.num().mul(&num))
     }
 
     /// Whether Jury's test proves every root of the loop inside the circle of this decay rate.
@@ -183,43 +179,31 @@ impl Design {
         let polynomial = self.loop_polynomial(compensator);
         let (_, den) = compensator.coefficients(self.plant.time());
         // A degree that is lost is an algebraic loop without solution.
-        polynomial.degree() == self.plant.sampled().den().degree() + den.len() - 1
+        polynomial.degree() == self.plant.sampled().den().degree() + den.degree()
             && stability::is_stable(&polynomial, &self.plant.time(), decay_per_s)
     }
 
     /// SFG_xr of the band; nothing is checked.
     #[must_use]
     pub fn blsfg(&self, compensator: &Compensator) -> f64 {
-        let (num, den) = compensator.coefficients(self.plant.time());
-        let horner = |p: &[f64], z: Complex64| p.iter().fold(Complex64::new(0.0, 0.0), |sum, c| sum * z + c);
-        let powers = self.lines.iter().map(|(z, p, s)| {
-            let open = p * horner(&num, *z) / horner(&den, *z);
-            (open / (1.0 + open)).norm_sqr() * s
-        });
-        flatness(powers) / self.reference_sfm
+        flatness(self.output_powers(compensator).into_iter()) / self.reference_sfm
     }
 
     /// ‖S P‖∞ of a stable loop.
     #[must_use]
     pub fn disturbance_norm(&self, compensator: &Compensator) -> Peak {
-        let time = self.plant.time();
-        let (_, den) = compensator.coefficients(time);
+        let (_, den) = compensator.coefficients(self.plant.time());
         let closed = self.loop_polynomial(compensator);
-        let (num, den) = (self.plant.sampled().num().clone(), Polynomial::new(den));
-        let gain = |w: f64| {
-            let z = time.point(w);
-            (num.eval(z) * den.eval(z) / closed.eval(z)).norm()
-        };
-        supremum(gain, PI / time.period_s(), &pole_hints(&closed, time))
+        self.norm.supremum(&self.plant, &den, &closed)
     }
 
     /// The motion from rest over the reference.
     ///
     /// # Errors
     /// [`PathError`].
-    pub fn motion(&self, path: &Path, limits: &MotionLimits) -> Result<MotionSummary, PathError> {
-        let carried = path.carry(&self.reference)?;
-        Ok(Motion::of_plant(&self.plant, &carried.output, &carried.effort)?.summary(limits))
+    pub fn motion(&self, path: &Path, limits: &MotionLimits, ctl: &Ctl) -> Result<MotionSummary, PathError> {
+        let carried = path.carry(&self.reference, ctl)?;
+        Ok(Motion::of_plant(&self.plant, &carried.output, &carried.effort, ctl)?.summary(limits))
     }
 
     /// The path of a compensator.
@@ -234,7 +218,7 @@ impl Design {
     ///
     /// # Errors
     /// [`PathError`], of which [`PathError::Unstable`].
-    pub fn judge(&self, compensator: &Compensator, limits: &DesignLimits) -> Result<Judged, PathError> {
+    pub fn judge(&self, compensator: &Compensator, limits: &DesignLimits, ctl: &Ctl) -> Result<Judged, PathError> {
         let path = self.path(compensator)?;
         let time = self.plant.time();
         let blsfg = self.blsfg(compensator);
@@ -248,76 +232,111 @@ impl Design {
             .map(|l| [l.norm(), -l.re / l.norm()])
             .min_by(|a, b| a[1].total_cmp(&b[1]));
         Ok(Judged {
-            compensator: *compensator,
+            compensator: compensator.clone(),
             blsfg,
             output_sfm: blsfg * self.reference_sfm,
+            output_mean: self.output_powers(compensator).iter().sum::<f64>() / self.lines.len() as f64,
             resonance: resonance(gain, PI / time.period_s(), &hints),
             disturbance: self.disturbance_norm(compensator),
             poles,
             oscillation,
-            motion: self.motion(&path, &limits.motion())?,
+            motion: self.motion(&path, &limits.motion(), ctl)?,
         })
     }
 
-    /// The peak force over the reference, or the first that exceeds `enough`, by a filter in plain arithmetic, for
-    /// comparing many compensators; the answer's own is computed by [`Design::motion`].
-    fn quick_force(&self, compensator: &Compensator, enough: f64) -> f64 {
-        let (num, _) = compensator.coefficients(self.plant.time());
-        let closed = self.loop_polynomial(compensator);
-        let b = self.plant.sampled().den().mul(&Polynomial::new(num));
-        let a = closed.coefficients();
-        let mut padded = vec![0.0; a.len() - b.coefficients().len().min(a.len())];
-        padded.extend_from_slice(b.coefficients());
-        let mut state = vec![0.0; a.len()];
-        let n = a.len() - 1;
-        let mut peak = 0.0_f64;
-        for r in &self.reference {
-            let y = (padded[0] * r + state[0]) / a[0];
-            for i in 0..n {
-                state[i] = state[i + 1] + padded[i + 1] * r - a[i + 1] * y;
-            }
-            peak = peak.max(y.abs());
-            if peak > enough {
-                break;
+    /// By how much a stable loop breaks its limits: the largest logarithm of what is reached over what is allowed, no
+    /// larger than zero where all are kept, and infinite where a pole decays too slowly. With `is_enough` the first
+    /// that is broken ends it.
+    pub(super) fn excess(&self, compensator: &Compensator, limits: &DesignLimits, is_enough: bool) -> f64 {
+        if limits.decay_per_s.is_some_and(|decay| decay > 0.0 && !self.is_stable(compensator, decay)) {
+            return f64::INFINITY;
+        }
+        let mut most = f64::NEG_INFINITY;
+        let mut over = |reached: f64, limit: f64| {
+            most = most.max((reached / (limit * WITHIN)).ln());
+            is_enough && most > 0.0
+        };
+        let quick = self.quick(limits);
+        let enough = |limit: f64| if is_enough { limit * WITHIN } else { f64::INFINITY };
+        if !quick.is_empty() {
+            let Some(following) = self.following.as_ref().and_then(|following| following.with(compensator)) else {
+                return f64::INFINITY;
+            };
+            for (_, limited, limit) in &quick {
+                if over(following.peak(*limited, enough(*limit)), *limit) {
+                    return most;
+                }
             }
         }
-        peak
+        if let Some(limit) = limits.disturbance_norm
+            && over(self.disturbance_norm(compensator).value, limit)
+        {
+            return most;
+        }
+        for (_, reached, limit) in self.slow(compensator, limits) {
+            over(reached, limit);
+        }
+        most
     }
 
     /// Whether a stable loop keeps all limits.
     pub(super) fn keeps(&self, compensator: &Compensator, limits: &DesignLimits) -> bool {
-        let decays = limits.decay_per_s.is_none_or(|decay| decay == 0.0 || self.is_stable(compensator, decay));
-        decays
-            && limits.disturbance_norm.is_none_or(|limit| self.disturbance_norm(compensator).value <= limit)
-            && limits.force.is_none_or(|limit| self.quick_force(compensator, limit) <= limit)
-            && self.limited_motion(compensator, limits).iter().all(|(_, reached, limit)| reached <= limit)
+        self.excess(compensator, limits, true) <= 0.0
     }
 
     /// Each limited quantity of a stable loop by name: what it reaches, and its limit.
     pub(super) fn reached(&self, compensator: &Compensator, limits: &DesignLimits) -> Vec<(&'static str, f64, f64)> {
-        let mut found = self.limited_motion(compensator, limits);
+        let mut found = self.slow(compensator, limits);
         if let Some(limit) = limits.disturbance_norm {
             found.push(("disturbance_norm", self.disturbance_norm(compensator).value, limit));
         }
-        if let Some(limit) = limits.force {
-            found.push(("force", self.quick_force(compensator, f64::INFINITY), limit));
+        if let Some(following) = self.following.as_ref().and_then(|following| following.with(compensator)) {
+            let peak = |limited| following.peak(limited, f64::INFINITY);
+            found.extend(self.quick(limits).into_iter().map(|(name, limited, limit)| (name, peak(limited), limit)));
         }
         found
     }
 
-    /// Those of the limited quantities for which the motion must be simulated.
-    fn limited_motion(&self, compensator: &Compensator, limits: &DesignLimits) -> Vec<(&'static str, f64, f64)> {
-        let motion = MotionLimits { force: None, ..limits.motion() };
+    /// Limited quantities that the states tell.
+    fn quick(&self, limits: &DesignLimits) -> Vec<(&'static str, Limited, f64)> {
+        let all = [
+            ("force", Limited::Force, limits.force),
+            ("position", Limited::Position, limits.position),
+            ("velocity", Limited::Velocity, limits.velocity),
+            ("acceleration", Limited::Acceleration, limits.acceleration),
+            ("power", Limited::Power, limits.power),
+        ];
+        let known = |limited| self.following.as_ref().is_some_and(|following| following.knows(limited));
+        all.into_iter()
+            .filter(|(_, limited, _)| known(*limited))
+            .filter_map(|(n, l, limit)| Some((n, l, limit?)))
+            .collect()
+    }
+
+    /// Those for which the motion must be simulated: velocity, acceleration and power as differences of samples, and
+    /// all of a plant without a state space form.
+    fn slow(&self, compensator: &Compensator, limits: &DesignLimits) -> Vec<(&'static str, f64, f64)> {
+        let unknown = |limited: Limited, limit: Option<f64>| {
+            limit.filter(|_| !self.following.as_ref().is_some_and(|following| following.knows(limited)))
+        };
+        let motion = MotionLimits {
+            position: unknown(Limited::Position, limits.position),
+            velocity: unknown(Limited::Velocity, limits.velocity),
+            acceleration: unknown(Limited::Acceleration, limits.acceleration),
+            force: unknown(Limited::Force, limits.force),
+            power: unknown(Limited::Power, limits.power),
+        };
         if motion.is_empty() {
             return Vec::new();
         }
-        let Ok(summary) = self.path(compensator).and_then(|path| self.motion(&path, &motion)) else {
-            return vec![("motion", f64::INFINITY, 0.0)];
+        let Ok(summary) = self.path(compensator).and_then(|path| self.motion(&path, &motion, &Ctl::new())) else {
+            return vec![("motion", f64::INFINITY, 1.0)];
         };
         let named = [
             ("position", summary.position),
             ("velocity", summary.velocity),
             ("acceleration", summary.acceleration),
+            ("force", summary.force),
             ("power", summary.power),
         ];
         let limited = |(name, extent): (&'static str, Option<crate::excite::motion::Extent>)| {

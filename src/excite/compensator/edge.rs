@@ -15,6 +15,10 @@ pub enum Unknown {
     ZeroHz,
     /// f_p.
     PoleHz,
+    /// ζ_z.
+    ZeroDamping,
+    /// ζ_p.
+    PoleDamping,
     /// Both corners: f_z ≤ f_p.
     ZeroBelowPole,
 }
@@ -40,6 +44,9 @@ pub struct Edge {
     pub unknown: Unknown,
     /// Which end.
     pub end: End,
+    /// Of which section, from 0; absent where there is but one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub section: Option<usize>,
 }
 
 impl fmt::Display for Edge {
@@ -48,6 +55,8 @@ impl fmt::Display for Edge {
             Unknown::Gain => "gain",
             Unknown::ZeroHz => "zero_hz",
             Unknown::PoleHz => "pole_hz",
+            Unknown::ZeroDamping => "zero_damping",
+            Unknown::PoleDamping => "pole_damping",
             Unknown::ZeroBelowPole => "zero_below_pole",
         };
         let end = match self.end {
@@ -55,6 +64,9 @@ impl fmt::Display for Edge {
             End::Upper => "upper",
             End::Equal => "equal",
         };
-        write!(f, "{unknown} ({end})")
+        match self.section {
+            Some(section) => write!(f, "{unknown} of section {section} ({end})"),
+            None => write!(f, "{unknown} ({end})"),
+        }
     }
 }

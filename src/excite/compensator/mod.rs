@@ -1,22 +1,31 @@
 //! The compensator of a position loop that delivers the flattest spectrum (Qiu 2021, sections IV.B–D).
 //!
 //! ```text
-//! C(s) = K (s + 2πf_z)/(s + 2πf_p)      by Tustin's substitution, f_z = f_p for proportional control
-//! maximise  SFG_xr(f_ub) = γ_x²(f_ub)/γ_r²(f_ub)   over K, f_z, f_p within a box,
+//! C(s) = K Π (s + 2πf_z)/(s + 2πf_p)    by Tustin's substitution; no section for proportional control, one for a
+//!                                       lead or lag, several in cascade, or sections of second order
+//! maximise  SFG_xr(f_ub) = γ_x²(f_ub)/γ_r²(f_ub)   over K and the sections within a box,
 //! subject to  every root of the closed loop inside the unit circle (Jury, proven with rounding bounded),
 //!             and the limits given
 //! ```
-//! The problem is not convex. [`search()`] looks at a grid over the whole box first and climbs from its best local
-//! maxima; what it reports says how many climbs ended in the answer, what the next best one was, and which edges of the
-//! box hold the answer.
+//! The problem is not convex. Limits that [`impossible()`] proves to be out of reach are refused first. With one
+//! section at most, [`search()`] looks at a grid over the whole box and climbs from its best local maxima; with more it
+//! begins with the best of one section less. What it reports says how many climbs ended in the answer, what the next
+//! best one was, and which edges of the box hold the answer.
 
 mod ascent;
+mod bound;
 mod climb;
+mod controller;
 mod design;
 mod edge;
+mod following;
+mod norm;
 mod search;
+mod several;
 mod space;
 
-pub use design::{Compensator, Design, DesignLimits, Judged};
+pub use bound::{Impossible, impossible};
+pub use controller::{Compensator, Section};
+pub use design::{Design, DesignLimits, Judged};
 pub use edge::{Edge, End, Unknown};
-pub use search::{Curve, DesignError, Found, SearchBox, SearchSummary, search, sweep};
+pub use search::{Curve, DesignError, Found, SearchBox, SearchSummary, SectionBox, search, sweep};

@@ -1,8 +1,11 @@
 //! The search for the best compensator of a box.
 
 use super::ascent::Task;
-use super::design::{Compensator, Design, DesignLimits};
+use super::bound::{Impossible, impossible};
+use super::controller::Compensator;
+use super::design::{Design, DesignLimits};
 use super::edge::Edge;
+use super::several;
 use super::space::{EDGE, Space};
 use crate::control::bode::log_grid;
 use crate::ctl::{Ctl, Phase, Stopped};
@@ -19,20 +22,41 @@ const CORNERS: usize = 25;
 /// Local maxima of the grid that are climbed from.
 const CLIMBS: usize = 8;
 /// Answers that differ by less than this share are one.
-const SAME: f64 = 1e-6;
+pub(super) const SAME: f64 = 1e-6;
 /// Points whose limits are checked at once.
 const BATCH: usize = 256;
 /// Points that are looked at closely where none keeps the limits.
 const LOOKED_AT: usize = 400;
 
-/// Between which values each unknown is looked for; equal ends fix it.
+/// Between which values the unknowns of a section are looked for; equal ends fix one.
 #[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SectionBox {
+    /// Of first order.
+    First {
+        /// f_z, Hz.
+        zero_hz: [f64; 2],
+        /// f_p, Hz.
+        pole_hz: [f64; 2],
+    },
+    /// Of second order.
+    Second {
+        /// f_z, Hz.
+        zero_hz: [f64; 2],
+        /// f_p, Hz.
+        pole_hz: [f64; 2],
+        /// ζ_z and ζ_p.
+        damping: [f64; 2],
+    },
+}
+
+/// Between which values each unknown is looked for; equal ends fix it.
+#[derive(Debug, Clone, PartialEq)]
 pub struct SearchBox {
     /// K.
     pub gain: [f64; 2],
-    /// f_z and f_p in Hz; none for proportional control.
-    pub corners: Option<[[f64; 2]; 2]>,
-    /// Whether f_z ≤ f_p is asked for: a lead in the strict sense.
+    /// The sections; none for proportional control.
+    pub sections: Vec<SectionBox>,
+    /// Whether f_z ≤ f_p is asked for of sections of first order: leads in the strict sense.
     pub zero_below_pole: bool,
 }
 
@@ -48,7 +72,10 @@ pub enum DesignError {
         /// Points of the grid.
         points: usize,
     },
-    /// Nothing stable in the box keeps the limits.
+    /// It is proven that nothing stable in the box keeps the limits.
+    #[error("no stable compensator within the ranges keeps the limits: {}", impossible_words(.0))]
+    Impossible(Impossible),
+    /// Nothing stable that was tried keeps the limits.
     #[error(
         "none of the {stable} stable compensators that were tried keeps the limits together; each by itself reaches \
          at least: {reached}"
@@ -62,6 +89,19 @@ pub enum DesignError {
     /// The answer's loop cannot be judged.
     #[error(transparent)]
     Path(#[from] PathError),
+}
+
+/// What is proven, in words.
+fn impossible_words(found: &Impossible) -> String {
+    let words = found.least.iter().map(|(name, least, limit)| {
+        if least.is_finite() {
+            format!("the {name} of each is at least {least:.4e}, and {limit} is allowed")
+        } else {
+            format!("none decays as fast as asked, whatever its {name}")
+        }
+    });
+    let together = if found.least.iter().any(|(_, least, limit)| least > limit) { "" } else { " (not both at once)" };
+    words.collect::<Vec<_>>().join("; ") + together
 }
 
 /// What was searched.
@@ -99,11 +139,18 @@ pub struct Found {
 /// # Errors
 /// [`DesignError`].
 pub fn search(design: &Design, region: &SearchBox, limits: &DesignLimits, ctl: &Ctl) -> Result<Found, DesignError> {
+    if let Some(found) = impossible(design, region, limits) {
+        return Err(DesignError::Impossible(found));
+    }
+    if region.sections.len() > 1 || region.sections.iter().any(|s| matches!(s, SectionBox::Second { .. })) {
+        return several::search(design, region, limits, ctl);
+    }
     let space = Space::new(region);
     let value = |x: &[f64]| value(design, &space.compensator(x));
+    let has_corners = !region.sections.is_empty();
     // The grid: a column of gains for every zero and pole.
-    let gains = space.axis(0, if space.corners { GAINS } else { GAINS_ALONE });
-    let columns: Vec<Vec<f64>> = if space.corners {
+    let gains = space.axis(0, if has_corners { GAINS } else { GAINS_ALONE });
+    let columns: Vec<Vec<f64>> = if has_corners {
         let poles = space.axis(2, CORNERS);
         space
             .axis(1, CORNERS)
@@ -157,6 +204,16 @@ pub fn search(design: &Design, region: &SearchBox, limits: &DesignLimits, ctl: &
             end
         })
         .collect::<Result<_, Stopped>>()?;
+    best_of(&space, climbed, points, stable)
+}
+
+/// The best end of all climbs.
+pub(super) fn best_of(
+    space: &Space,
+    climbed: Vec<(Vec<f64>, f64)>,
+    points: usize,
+    stable: usize,
+) -> Result<Found, DesignError> {
     let ends: Vec<(Vec<f64>, f64)> = climbed.into_iter().filter(|(_, value)| value.is_finite()).collect();
     // Ties go to the first.
     let best = ends.iter().fold(None, |best: Option<&(Vec<f64>, f64)>, end| match best {
@@ -251,7 +308,7 @@ fn starts(
 }
 
 /// The least of each limited quantity over some of the stable points, in words.
-fn least_reached(task: &Task, points: &[Vec<f64>]) -> Result<String, Stopped> {
+pub(super) fn least_reached(task: &Task, points: &[Vec<f64>]) -> Result<String, Stopped> {
     let some: Vec<&Vec<f64>> = points.iter().step_by(points.len().div_ceil(LOOKED_AT)).collect();
     let found: Vec<Vec<(&'static str, f64, f64)>> = some
         .into_par_iter()
@@ -303,10 +360,8 @@ pub fn sweep(
         .into_par_iter()
         .map(|gain| {
             ctl.check()?;
-            let compensator = corners.map_or_else(
-                || Compensator::proportional(gain),
-                |[zero_hz, pole_hz]| Compensator { gain, zero_hz, pole_hz },
-            );
+            let compensator = corners
+                .map_or_else(|| Compensator::proportional(gain), |[zero, pole]| Compensator::lead(gain, zero, pole));
             let Some(path) = design.is_stable(&compensator, 0.0).then(|| design.path(&compensator).ok()).flatten()
             else {
                 return Ok(None);

@@ -7,6 +7,11 @@
 //! limits; of D and A the step maximises its tangent, and a search along the step finds the best share of it. Limits on
 //! the input and on outputs are convex, and hold along the step. The autocorrelation is not, and a share of the step is
 //! taken that keeps it; where none above a small one does, the trust region is halved.
+//!
+//! # When it ends
+//! The bound of a step's linear program says what no step within the region gains more than, to first order. The climb
+//! has converged where that is no more than the tolerance within the region that it began with, whatever regions it
+//! used on its way; a step that happened to gain little is no reason to end.
 
 use super::information::{Criterion, Information, factor};
 use super::limits::{Broken, Limits};
@@ -23,8 +28,8 @@ pub struct Settings {
     pub criterion: Criterion,
     /// δ_u: the largest change of a sample in a step, in units of the input.
     pub radius: f64,
-    /// Relative growth of a step below which the climb ends, or the trust region is halved where the limits held the
-    /// step back.
+    /// Relative growth that no step may gain more than where the climb has converged; where a step that was taken grows
+    /// less, the trust region is halved.
     pub tolerance: f64,
     /// The trust region is not halved below this share of what it begins with.
     pub least_radius: f64,
@@ -35,7 +40,7 @@ pub struct Settings {
 /// Why it ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stop {
-    /// A step that nothing cuts short grows less than the tolerance.
+    /// No step within the whole trust region gains more than the tolerance, to first order.
     Converged,
     /// The trust region has become as small as it may.
     SmallestRegion,
@@ -58,11 +63,15 @@ pub struct Climb {
     pub programs: usize,
     /// Steps of the interior-point method in all.
     pub iterations: usize,
-    /// A step from the input, not taken: its bound proves how much more is to be had, to first order, within the trust
-    /// region.
+    /// A step from the input over the whole trust region, not taken: its bound proves how much more is to be had, to
+    /// first order.
     pub last: Step,
-    /// δ_u of that step, the last one that was tried with.
+    /// That bound as relative growth: what [`factor`] of a step would exceed 1 by at most.
+    pub left: f64,
+    /// δ_u of that step: what the climb began with.
     pub radius: f64,
+    /// The last trust region that was used, no larger.
+    pub used_radius: f64,
     /// Why it ended.
     pub stop: Stop,
 }
@@ -103,6 +112,8 @@ impl From<BoxLpError> for ClimbError {
 
 /// Shares of a step below this are not worth taking: the trust region is halved.
 const LEAST_SHARE: f64 = 0.05;
+/// A step of which more than this share was taken lets the trust region grow again.
+const LARGE_SHARE: f64 = 0.5;
 /// By what a share is shortened until the limits hold.
 const SHORTER: f64 = 0.8;
 /// Points of the first look along a step.
@@ -137,12 +148,16 @@ pub fn climb(
     let mut radius = settings.radius;
     let mut active: BTreeSet<Row> = BTreeSet::new();
     let (mut history, mut programs, mut iterations, mut tried) = (Vec::new(), 0, 0, 0);
-    loop {
+    let growth = |bound: f64, value: f64| growth(criterion, bound, value, parameters);
+    let stop = loop {
         ctl.check()?;
         let gradient = information.gradient(criterion, &sensitivities).ok_or(ClimbError::Undetermined)?;
         let found = step(limits, &u, &gradient, radius, &mut active, ctl)?;
         programs += found.rounds;
         iterations += found.iterations;
+        if radius == settings.radius && growth(found.bound, value) <= settings.tolerance {
+            break Stop::Converged;
+        }
         tried += 1;
         ctl.advance(1);
         let change: Vec<f64> = found.direction.iter().map(|d| radius * d).collect();
@@ -169,30 +184,43 @@ pub fn climb(
             value = information.of(&sensitivities).value(criterion).ok_or(ClimbError::Undetermined)?;
             history.push(factor(criterion, value, first, parameters));
         }
-        // A step that is cut short says nothing about what a smaller region could still do.
-        let converged = relative < settings.tolerance && grown.is_some() && share == 1.0;
-        let used = radius;
-        if relative < settings.tolerance && !converged {
+        if relative < settings.tolerance {
             radius *= 0.5;
+        } else if share > LARGE_SHARE {
+            radius = (2.0 * radius).min(settings.radius);
         }
-        let smallest = radius < settings.least_radius * settings.radius;
-        if converged || smallest || tried >= settings.max_steps {
-            let stop = if converged {
-                Stop::Converged
-            } else if smallest {
-                Stop::SmallestRegion
-            } else {
-                Stop::StepLimit
-            };
-            let gradient = information.gradient(criterion, &sensitivities).ok_or(ClimbError::Undetermined)?;
-            let last = step(limits, &u, &gradient, used, &mut active, ctl)?;
-            programs += last.rounds;
-            iterations += last.iterations;
-            let factor = factor(criterion, value, first, parameters);
-            let steps = history.len();
-            return Ok(Climb { input: u, factor, history, steps, programs, iterations, last, radius: used, stop });
+        if radius < settings.least_radius * settings.radius {
+            radius *= 2.0;
+            break Stop::SmallestRegion;
         }
-    }
+        if tried >= settings.max_steps {
+            break Stop::StepLimit;
+        }
+    };
+    let gradient = information.gradient(criterion, &sensitivities).ok_or(ClimbError::Undetermined)?;
+    let last = step(limits, &u, &gradient, settings.radius, &mut active, ctl)?;
+    programs += last.rounds;
+    iterations += last.iterations;
+    let left = growth(last.bound, value);
+    let is_converged = left <= settings.tolerance;
+    Ok(Climb {
+        input: u,
+        factor: factor(criterion, value, first, parameters),
+        steps: history.len(),
+        history,
+        programs,
+        iterations,
+        last,
+        left,
+        radius: settings.radius,
+        used_radius: radius,
+        stop: if is_converged { Stop::Converged } else { stop },
+    })
+}
+
+/// What a growth of the criterion is of it: the share by which [`factor`] then exceeds 1.
+fn growth(criterion: Criterion, gain: f64, value: f64, parameters: usize) -> f64 {
+    if criterion == Criterion::D { (gain / parameters as f64).exp_m1() } else { gain / value.abs() }
 }
 
 /// The share of a step at which the criterion is largest; 1 for T, which is convex.

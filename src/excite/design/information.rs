@@ -171,6 +171,30 @@ impl Information {
         Some(DVector::from_vec(gradient))
     }
 
+    /// What the second order adds to a step's growth of T at most: `M(u + d) = M(u) + (first order) + S(d)ᵀS(d)`
+    /// exactly, and with `|d_k| ≤ δ` no sample of a sensitivity is larger than `δ Σ|h|`. `None` of the other criteria,
+    /// whose growth is not quadratic.
+    #[must_use]
+    pub fn second_order_bound(&self, criterion: Criterion, radius: f64) -> Option<f64> {
+        let weight = |scale: f64| match criterion {
+            Criterion::T => Some(scale.powi(-2)),
+            Criterion::ScaledT => Some(1.0),
+            Criterion::D | Criterion::A | Criterion::ScaledA => None,
+        };
+        let mut total = 0.0;
+        for (outputs, scale) in self.slopes.iter().zip(&self.scales) {
+            for response in outputs {
+                let mut sum = 0.0;
+                let squares = response.impulse.iter().map(|h| {
+                    sum += h.abs();
+                    (radius * sum).powi(2)
+                });
+                total += weight(*scale)? * squares.sum::<f64>();
+            }
+        }
+        Some(total)
+    }
+
     /// The quadratic form `tr M(u) = uᵀFu + 2fᵀu + f₀` of the unscaled trace: F, f and f₀.
     #[must_use]
     pub fn quadratic(&self) -> (DMatrix<f64>, DVector<f64>, f64) {

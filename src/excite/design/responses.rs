@@ -82,7 +82,7 @@ pub struct Responses {
     pub outputs: Vec<Response>,
     /// One for each parameter and output.
     pub slopes: Vec<Vec<Response>>,
-    /// 1 where the first sample is y₁, as in a strictly proper model (y₀ does not depend on u); 0 where it is y₀.
+    /// 1 where the first sample is y₁, as the thesis counts a strictly proper model; 0 where it is y₀.
     pub first: usize,
 }
 
@@ -90,7 +90,9 @@ impl Responses {
     /// Over N samples, of a model that starts from its initial state, to the input in the column `channel`; the other
     /// inputs are zero.
     ///
-    /// Of a model without feedthrough the record is y₁ … y_N (Priess 2015, §5.3.1), otherwise y₀ … y_{N−1}.
+    /// Of a model without feedthrough the record is y₁ … y_N (Priess 2015, §5.3.1), one sample beyond the last of the
+    /// input; otherwise y₀ … y_{N−1}. What a device records together with its N input samples is
+    /// [`Responses::of_record`].
     ///
     /// # Errors
     /// [`SimulationError::Overflow`] for an unstable model.
@@ -98,11 +100,34 @@ impl Responses {
     /// # Panics
     /// If there is no such input, which is a mistake of the caller.
     pub fn new(model: &Differentiated<Discrete>, channel: usize, samples: usize) -> Result<Self, SimulationError> {
-        let inputs = model.value.model.inputs();
-        assert!(channel < inputs, "an input of the model");
         let direct = model.value.model.d().column(channel).iter().any(|d| *d != 0.0)
             || model.slopes.iter().any(|slope| slope.d.column(channel).iter().any(|d| *d != 0.0));
-        let first = usize::from(!direct);
+        Self::from(model, channel, samples, usize::from(!direct))
+    }
+
+    /// Of the N samples y₀ … y_{N−1} that are recorded beside u₀ … u_{N−1}.
+    ///
+    /// # Errors
+    /// [`SimulationError::Overflow`] for an unstable model.
+    ///
+    /// # Panics
+    /// If there is no such input, which is a mistake of the caller.
+    pub fn of_record(
+        model: &Differentiated<Discrete>,
+        channel: usize,
+        samples: usize,
+    ) -> Result<Self, SimulationError> {
+        Self::from(model, channel, samples, 0)
+    }
+
+    fn from(
+        model: &Differentiated<Discrete>,
+        channel: usize,
+        samples: usize,
+        first: usize,
+    ) -> Result<Self, SimulationError> {
+        let inputs = model.value.model.inputs();
+        assert!(channel < inputs, "an input of the model");
         let mut input = DMatrix::zeros(samples + first, inputs);
         let free = model.respond(&input)?;
         let mut resting = model.clone();

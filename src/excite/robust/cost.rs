@@ -1,19 +1,24 @@
 //! What an experiment costs with one subject: how far fits are from the truth, and how far the motion goes beyond the
 //! limits.
 
+use super::fit::fit;
+use super::sampled::{Sampled, State};
 use crate::control::Discrete;
 use crate::control::parametric::{Differentiated, ParametricModel};
 use crate::ctl::{Ctl, Stopped};
 use crate::excite::sequence::{FilteredNoise, Generator, Screen, SequenceError, SequenceSpec};
-use crate::num::least_squares::{LeastSquares, LeastSquaresError, Options, minimise};
 use crate::num::rng::stream;
 use crate::plants::head_neck::{COUNT, Drive, HeadNeck, Population};
-use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use rand::RngExt;
 use rayon::prelude::*;
 
-/// States of the loop, and its inputs: the target as seen, and the muscle's noise.
-const STATES: usize = 5;
+/// The cosine between residual and derivatives at which a fit has converged, while experiments are compared and in the
+/// figures that are reported.
+pub const TOLERANCE: [f64; 2] = [1e-3, 1e-5];
+/// Subjects whose mean response the average subject is fitted to: as many as the thesis has.
+pub const AVERAGED: usize = 8;
+/// Between two steps of the target that the average subject is fitted with, s.
+const STEP_S: f64 = 2.5;
 
 /// Everything but θ and γ.
 #[derive(Debug, Clone, PartialEq)]
@@ -134,6 +139,50 @@ impl Setting {
         model.differentiate(&model.nominal()).ok()?.sampled(self.time).ok()
     }
 
+    /// T_m and T_f.
+    pub(super) fn times(&self) -> [f64; 2] {
+        [self.muscle_lag_s, self.derivative_filter_s]
+    }
+
+    /// The motion `[y, M, ÿ]` of a subject with a draw's body and noise.
+    fn motion(&self, theta: [f64; 4], target: &[f64], draw: &Draw) -> Option<Vec<[f64; 3]>> {
+        let gains = [theta[0], theta[1], theta[2]];
+        let model = Sampled::new(gains, self.body(draw.body), self.times(), self.time, false)?;
+        let (seen, _) = seen(target, theta[3], self.time.period_s());
+        let noise: Vec<f64> = draw.noise.iter().map(|w| w * self.population.noise_nm).collect();
+        Some(motion(&model, &seen, &noise))
+    }
+
+    /// Its angle.
+    pub(super) fn angle(&self, theta: [f64; 4], target: &[f64], draw: &Draw) -> Option<Vec<f64>> {
+        Some(self.motion(theta, target, draw)?.iter().map(|m| m[0]).collect())
+    }
+
+    /// θ_A: the subject whose response fits the mean response of [`AVERAGED`] subjects best, as the thesis has it of
+    /// its preliminary trials (§2.2.3), in which the target steps. The subjects are drawn uniformly from the
+    /// population, bodies and muscle noise with them. The middle of the population where no fit is possible.
+    ///
+    /// # Errors
+    /// [`Stopped`] when `ctl` says so.
+    pub fn average_subject(&self, seed: u64, ctl: &Ctl) -> Result<[f64; 4], Stopped> {
+        let boxes = self.population.controller;
+        let middle = boxes.map(|[lower, upper]| 0.5 * (lower + upper));
+        let period = (STEP_S / self.time.period_s()).max(1.0);
+        let size = 0.5 * self.population.angle_rad;
+        let target: Vec<f64> =
+            (0..self.samples()).map(|k| if (k as f64 / period) as usize % 2 == 1 { size } else { 0.0 }).collect();
+        let mut mean = vec![0.0; target.len()];
+        let mut random = stream(seed, "excite/robust/average");
+        for draw in draws(self, AVERAGED, seed, "average") {
+            let theta = boxes.map(|[lower, upper]| lower + (upper - lower) * random.random::<f64>());
+            let Some(angle) = self.angle(theta, &target, &draw) else { return Ok(middle) };
+            for (sum, y) in mean.iter_mut().zip(angle) {
+                *sum += y / AVERAGED as f64;
+            }
+        }
+        Ok(fit(self, &target, &mean, middle, TOLERANCE[1], ctl)?.map_or(middle, |found| found.theta))
+    }
+
     fn body(&self, factors: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|i| self.population.body[i] * factors[i])
     }
@@ -141,7 +190,7 @@ impl Setting {
 
 /// The target as seen: straight between samples, zero before the first, `r(t_k − τ)`, and its derivative with respect
 /// to τ.
-fn seen(target: &[f64], tau: f64, period_s: f64) -> (Vec<f64>, Vec<f64>) {
+pub(super) fn seen(target: &[f64], tau: f64, period_s: f64) -> (Vec<f64>, Vec<f64>) {
     let back = tau / period_s;
     let at = |k: isize| usize::try_from(k).ok().and_then(|k| target.get(k)).copied().unwrap_or(0.0);
     (0..target.len())
@@ -154,29 +203,9 @@ fn seen(target: &[f64], tau: f64, period_s: f64) -> (Vec<f64>, Vec<f64>) {
         .unzip()
 }
 
-/// The sampled loop with sizes known at compile time.
-struct Loop {
-    a: SMatrix<f64, STATES, STATES>,
-    b: [SVector<f64, STATES>; 2],
-    c: SMatrix<f64, 3, STATES>,
-    noise_to_acceleration: f64,
-}
-
-impl Loop {
-    fn new(model: &Differentiated<Discrete>) -> Self {
-        let m = &model.value.model;
-        Self {
-            a: SMatrix::from_fn(|i, j| m.a()[(i, j)]),
-            b: std::array::from_fn(|j| SVector::from_fn(|i, _| m.b()[(i, j)])),
-            c: SMatrix::from_fn(|i, j| m.c()[(i, j)]),
-            noise_to_acceleration: m.d()[(2, 1)],
-        }
-    }
-}
-
 /// The motion `[y, M, ÿ]` at every sample.
-fn motion(model: &Loop, seen: &[f64], noise: &[f64]) -> Vec<[f64; 3]> {
-    let mut x = SVector::<f64, STATES>::zeros();
+fn motion(model: &Sampled, seen: &[f64], noise: &[f64]) -> Vec<[f64; 3]> {
+    let mut x = State::zeros();
     seen.iter()
         .zip(noise)
         .map(|(r, w)| {
@@ -188,59 +217,8 @@ fn motion(model: &Loop, seen: &[f64], noise: &[f64]) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// The fit of one record: `min_{θ̂ ∈ Θ} Σ_k (ŷ_k − y_k)²` with the mean body and without noise.
-struct Fit<'a> {
-    setting: &'a Setting,
-    target: &'a [f64],
-    record: DVector<f64>,
-}
-
-impl LeastSquares for Fit<'_> {
-    fn unknowns(&self) -> usize {
-        4
-    }
-
-    fn equations(&self) -> usize {
-        self.record.len()
-    }
-
-    fn bounds(&self) -> Vec<[f64; 2]> {
-        self.setting.population.controller.to_vec()
-    }
-
-    fn evaluate(&self, x: &[f64], residuals: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>) -> bool {
-        let body = self.setting.population.body;
-        let Some(model) = self.setting.model(x, body, jacobian.is_some()) else { return false };
-        let (seen, turned) = seen(self.target, x[3], self.setting.time.period_s());
-        let fixed = Loop::new(&model);
-        let slopes: Vec<(SMatrix<f64, STATES, STATES>, SVector<f64, STATES>)> = model
-            .slopes
-            .iter()
-            .map(|s| (SMatrix::from_fn(|i, j| s.a[(i, j)]), SVector::from_fn(|i, _| s.b[(i, 0)])))
-            .collect();
-        let mut state = SVector::<f64, STATES>::zeros();
-        // ∂x/∂K_p, ∂x/∂K_d, ∂x/∂K_i and ∂x/∂τ; the angle is a state, so that C has no derivative.
-        let mut moved = [SVector::<f64, STATES>::zeros(); 4];
-        let mut jacobian = jacobian;
-        for k in 0..self.record.len() {
-            residuals[k] = state[0] - self.record[k];
-            if let Some(jacobian) = jacobian.as_deref_mut() {
-                for (j, dx) in moved.iter_mut().enumerate() {
-                    jacobian[(k, j)] = dx[0];
-                    *dx = fixed.a * *dx
-                        + match slopes.get(j) {
-                            Some((a, b)) => a * state + b * seen[k],
-                            None => fixed.b[0] * turned[k],
-                        };
-                }
-            }
-            state = fixed.a * state + fixed.b[0] * seen[k];
-        }
-        residuals.iter().all(|r| r.is_finite())
-    }
-}
-
-/// The cost of every draw for one subject and one target, on all threads of the pool.
+/// The cost of every draw for one subject and one target, on all threads of the pool. Where the excursions alone, which
+/// need no fit, cost `enough` on average, their costs are returned without errors: a lower bound.
 ///
 /// # Errors
 /// [`Stopped`] when `ctl` says so.
@@ -249,43 +227,54 @@ pub fn costs(
     theta: [f64; 4],
     target: &[f64],
     draws: &[Draw],
+    tolerance: f64,
+    enough: f64,
     ctl: &Ctl,
 ) -> Result<Vec<DrawCost>, Stopped> {
-    draws.par_iter().map(|draw| cost(setting, theta, target, draw, ctl)).collect()
+    let moved: Vec<Option<(Vec<f64>, DrawCost)>> = draws
+        .par_iter()
+        .map(|draw| {
+            ctl.check()?;
+            Ok(excursions(setting, theta, target, draw))
+        })
+        .collect::<Result<_, Stopped>>()?;
+    let out = DrawCost { error: f64::MAX, excursions: [0.0; 3], converged: false };
+    let known: f64 = moved.iter().map(|found| found.as_ref().map_or(f64::MAX, |(_, cost)| cost.total())).sum();
+    if known >= enough * draws.len() as f64 {
+        return Ok(moved.into_iter().map(|found| found.map_or(out, |(_, cost)| cost)).collect());
+    }
+    moved
+        .into_par_iter()
+        .map(|found| {
+            let Some((record, mut cost)) = found else { return Ok(out) };
+            let Some(fitted) = fit(setting, target, &record, theta, tolerance, ctl)? else { return Ok(out) };
+            cost.error = fitted.theta.iter().zip(theta).map(|(found, theta)| ((found - theta) / theta).powi(2)).sum();
+            cost.converged = fitted.converged;
+            Ok(cost)
+        })
+        .collect()
 }
 
-fn cost(setting: &Setting, theta: [f64; 4], target: &[f64], draw: &Draw, ctl: &Ctl) -> Result<DrawCost, Stopped> {
-    ctl.check()?;
+/// The recorded angle of one draw, and what its excursions cost.
+fn excursions(setting: &Setting, theta: [f64; 4], target: &[f64], draw: &Draw) -> Option<(Vec<f64>, DrawCost)> {
     let population = &setting.population;
-    let out = DrawCost { error: f64::MAX, excursions: [0.0; 3], converged: false };
-    let Some(model) = setting.model(&theta, setting.body(draw.body), false) else { return Ok(out) };
-    let (seen, _) = seen(target, theta[3], setting.time.period_s());
-    let noise: Vec<f64> = draw.noise.iter().map(|w| w * population.noise_nm).collect();
-    let motion = motion(&Loop::new(&model), &seen, &noise);
-    let record = DVector::from_iterator(motion.len(), motion.iter().map(|m| m[0]));
-    let fit = Fit { setting, target, record };
-    let options = Options { gradient_tolerance: 1e-5, max_evaluations: 60, ..Options::default() };
-    let (found, converged) = match minimise(&fit, &theta, &options, ctl) {
-        Ok(found) => (found.x, found.stop.is_converged()),
-        Err(LeastSquaresError::Stopped(stopped)) => return Err(stopped),
-        Err(_) => return Ok(out),
-    };
-    let error = found.iter().zip(theta).map(|(found, theta)| ((found - theta) / theta).powi(2)).sum();
+    let motion = setting.motion(theta, target, draw)?;
     // Acceleration, torque and angle, in the order of the weights.
     let limits = [(2, population.acceleration_rad_s2), (1, population.torque_nm), (0, population.angle_rad)];
     let excursions = std::array::from_fn(|i| {
         let (column, limit) = limits[i];
         population.weights[i] / limit * motion.iter().map(|m| (m[column].abs() - limit).max(0.0)).sum::<f64>()
     });
-    Ok(DrawCost { error, excursions, converged })
+    Some((motion.iter().map(|m| m[0]).collect(), DrawCost { error: 0.0, excursions, converged: false }))
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::plants::head_neck::{Axis, DERIVATIVE_FILTER_S, MUSCLE_LAG_S};
+    use nalgebra::DMatrix;
 
-    fn setting() -> Setting {
+    pub(in crate::excite::robust) fn setting() -> Setting {
         Setting {
             population: Axis::FlexionExtension.population(),
             body_spread: 0.0,
@@ -300,40 +289,17 @@ mod tests {
     }
 
     #[test]
-    fn the_derivatives_of_a_fit_are_those_of_its_residuals() {
-        let setting = setting();
-        let target = setting.target([0.8, 0.6], &Ctl::new()).unwrap();
-        let fit = Fit { setting: &setting, target: &target, record: DVector::zeros(target.len()) };
-        // No delay on a sample, where the seen target has a corner.
-        let theta = [2.5, 0.25, 16.0, 0.2715];
-        let (mut r, mut jacobian) = (DVector::zeros(target.len()), DMatrix::zeros(target.len(), 4));
-        assert!(fit.evaluate(&theta, &mut r, Some(&mut jacobian)));
-        for j in 0..4 {
-            let h = 1e-5 * theta[j];
-            let moved = |sign: f64| {
-                let mut theta = theta;
-                theta[j] += sign * h;
-                let mut r = DVector::zeros(target.len());
-                fit.evaluate(&theta, &mut r, None);
-                r
-            };
-            let difference = (moved(1.0) - moved(-1.0)) / (2.0 * h);
-            let error = (difference - jacobian.column(j)).norm() / jacobian.column(j).norm();
-            assert!(error < 1e-6, "{j}: {error}");
-        }
-    }
-
-    #[test]
     fn without_noise_and_spread_the_truth_is_found() {
         let mut setting = setting();
         setting.population.noise_nm = 0.0;
         let target = setting.target([0.8, 0.2], &Ctl::new()).unwrap();
         let draw = draws(&setting, 1, 1, "test");
-        let found = costs(&setting, [2.5, 0.25, 16.0, 0.27], &target, &draw, &Ctl::new()).unwrap();
+        let found = costs(&setting, [2.5, 0.25, 16.0, 0.27], &target, &draw, 1e-5, f64::INFINITY, &Ctl::new()).unwrap();
         assert!(found[0].converged && found[0].error < 1e-12, "{found:?}");
         // The excursions of a motion that is computed here anew.
         let wide = setting.target([0.8, 2.0], &Ctl::new()).unwrap();
-        let found = costs(&setting, [2.5, 0.25, 16.0, 0.27], &wide, &draw, &Ctl::new()).unwrap()[0];
+        let found =
+            costs(&setting, [2.5, 0.25, 16.0, 0.27], &wide, &draw, 1e-5, f64::INFINITY, &Ctl::new()).unwrap()[0];
         let model = setting.model(&[2.5, 0.25, 16.0, 0.27], setting.population.body, false).unwrap();
         let (seen, _) = seen(&wide, 0.27, 0.02);
         let input = DMatrix::from_fn(wide.len(), 2, |k, j| if j == 0 { seen[k] } else { 0.0 });
@@ -344,6 +310,26 @@ mod tests {
             assert!((found.excursions[i] - weight * sum / limit).abs() < 1e-9 * (1.0 + sum), "{i} {found:?}");
         }
         assert!(found.excursions[2] > 0.0);
+        // Excursions alone are a lower bound, and need no fit.
+        let bound = costs(&setting, [2.5, 0.25, 16.0, 0.27], &wide, &draw, 1e-5, 1e-9, &Ctl::new()).unwrap()[0];
+        assert_eq!((bound.error, bound.excursions), (0.0, found.excursions));
+    }
+
+    #[test]
+    fn the_average_subject_is_found_where_all_are_alike() {
+        let mut alike = setting();
+        let one = [2.5, 0.25, 16.0, 0.27];
+        alike.population.noise_nm = 0.0;
+        alike.population.controller = one.map(|v| [v * (1.0 - 1e-9), v * (1.0 + 1e-9)]);
+        let found = alike.average_subject(3, &Ctl::new()).unwrap();
+        assert!(found.iter().zip(one).all(|(found, one)| (found / one - 1.0).abs() < 1e-8), "{found:?}");
+        // Of unlike subjects it is within the population, and no element-wise mean.
+        let setting = setting();
+        let found = setting.average_subject(3, &Ctl::new()).unwrap();
+        for (value, [lower, upper]) in found.into_iter().zip(setting.population.controller) {
+            assert!((lower..=upper).contains(&value));
+        }
+        assert_ne!(found, setting.population.controller.map(|[lower, upper]| 0.5 * (lower + upper)));
     }
 
     #[test]

@@ -18,6 +18,8 @@
 //! costs can be reproduced.
 
 pub mod cost;
+mod fit;
+mod sampled;
 pub mod search;
 
 pub use cost::{Draw, DrawCost, Setting, costs, draws};

@@ -1,6 +1,6 @@
 //! The search for the experiment whose worst subject costs least.
 
-use super::cost::{Draw, DrawCost, Setting, costs};
+use super::cost::{Draw, DrawCost, Setting, TOLERANCE, costs};
 use crate::ctl::Ctl;
 use crate::excite::sequence::SequenceError;
 use std::collections::BTreeMap;
@@ -14,6 +14,8 @@ pub struct Search<'a> {
     ctl: &'a Ctl,
     targets: BTreeMap<[u64; 2], Vec<f64>>,
     known: BTreeMap<[u64; 6], f64>,
+    /// Lower bounds of others.
+    bounds: BTreeMap<[u64; 6], f64>,
 }
 
 /// What a compass search minimises: the cost of an experiment, or any number that is no less than the third argument
@@ -65,7 +67,7 @@ pub struct Outcome {
     pub rounds: usize,
     /// See `rounds`.
     pub closed: bool,
-    /// Evaluations of J.
+    /// Evaluations of J, those included that a bound settled.
     pub evaluations: usize,
 }
 
@@ -75,6 +77,8 @@ const FIRST_STEP: f64 = 0.25;
 const FIRST_TOLERANCE: f64 = 0.05;
 /// It ends when every step is below this share of its first size.
 const LEAST_STEP: f64 = 1.0 / 32.0;
+/// Points of a first look at Γ along each side.
+const GRID: usize = 5;
 /// First step of a compass search, share of the box, and its last one.
 const COMPASS: [f64; 2] = [0.25, 1.0 / 64.0];
 /// A worst subject that costs no more than this factor of those known closes the refinement.
@@ -86,25 +90,67 @@ impl<'a> Search<'a> {
     /// A search over Γ with these draws.
     #[must_use]
     pub fn new(setting: &'a Setting, gamma_box: [[f64; 2]; 2], draws: &'a [Draw], ctl: &'a Ctl) -> Self {
-        Self { setting, gamma_box, draws, ctl, targets: BTreeMap::new(), known: BTreeMap::new() }
+        Self {
+            setting,
+            gamma_box,
+            draws,
+            ctl,
+            targets: BTreeMap::new(),
+            known: BTreeMap::new(),
+            bounds: BTreeMap::new(),
+        }
     }
 
     /// J(θ, γ); every evaluation advances the progress by one.
     fn cost(&mut self, theta: [f64; 4], gamma: [f64; 2]) -> Result<f64, SequenceError> {
+        self.cost_below(theta, gamma, f64::INFINITY)
+    }
+
+    /// J(θ, γ), or a lower bound of it that is no less than `enough`: excursions cost no fit.
+    fn cost_below(&mut self, theta: [f64; 4], gamma: [f64; 2], enough: f64) -> Result<f64, SequenceError> {
         let [e, w] = gamma.map(f64::to_bits);
         let [p, d, i, t] = theta.map(f64::to_bits);
-        if let Some(known) = self.known.get(&[e, w, p, d, i, t]) {
+        let key = [e, w, p, d, i, t];
+        if let Some(known) = self.known.get(&key) {
             return Ok(*known);
+        }
+        if let Some(bound) = self.bounds.get(&key).filter(|bound| **bound >= enough) {
+            return Ok(*bound);
         }
         if !self.targets.contains_key(&[e, w]) {
             let target = self.setting.target(gamma, self.ctl)?;
             self.targets.insert([e, w], target);
         }
-        let found = costs(self.setting, theta, &self.targets[&[e, w]], self.draws, self.ctl)?;
+        let found = costs(self.setting, theta, &self.targets[&[e, w]], self.draws, TOLERANCE[0], enough, self.ctl)?;
         let cost = found.iter().map(DrawCost::total).sum::<f64>() / found.len().max(1) as f64;
-        self.known.insert([e, w, p, d, i, t], cost);
+        if cost >= enough {
+            self.bounds.insert(key, cost);
+        } else {
+            self.known.insert(key, cost);
+        }
         self.ctl.advance(1);
         Ok(cost)
+    }
+
+    /// The best of a start and of a grid over Γ for one subject: the cost has several valleys, and the experiment that
+    /// is best for the average subject is that of the whole of Γ.
+    fn best_of_grid(&mut self, theta: [f64; 4], start: [f64; 2]) -> Result<[f64; 2], SequenceError> {
+        let mut best = (self.cost(theta, start)?, start);
+        for i in 0..GRID {
+            for j in 0..GRID {
+                let share = |k: usize| (k as f64 + 0.5) / GRID as f64;
+                let at = |axis: usize, k: usize| {
+                    let [lower, upper] = self.gamma_box[axis];
+                    lower + share(k) * (upper - lower)
+                };
+                let gamma = [at(0, i), at(1, j)];
+                let cost = self.cost_below(theta, gamma, best.0)?;
+                if cost < best.0 {
+                    best = (cost, gamma);
+                }
+            }
+        }
+        Ok(best.1)
     }
 
     /// Minimises over Γ from a start by a compass search: the best of a step to each side of each parameter, or half
@@ -161,7 +207,8 @@ impl<'a> Search<'a> {
                 let mut moved = at.clone();
                 moved[i] = (at[i] + inward * steps[i]).clamp(lower, upper);
                 let (theta, gamma) = split(&moved);
-                let difference = inward * (self.cost(theta, gamma)? - cost);
+                // Its sign is all that matters, and excursions may settle it.
+                let difference = inward * (self.cost_below(theta, gamma, cost * (1.0 + 1e-12))? - cost);
                 signs[i] = if difference == 0.0 { 0.0 } else { difference.signum() };
             }
             for i in 0..6 {
@@ -236,7 +283,9 @@ impl<'a> Search<'a> {
         iterations: usize,
         rounds: usize,
     ) -> Result<Outcome, SequenceError> {
-        let (gamma, nominal_cost) = self.compass(start, &|search, gamma, _| search.cost(average, gamma))?;
+        let start = self.best_of_grid(average, start)?;
+        let (gamma, nominal_cost) =
+            self.compass(start, &|search, gamma, enough| search.cost_below(average, gamma, enough))?;
         let nominal = self.worst(gamma, &[average])?;
         let trace = self.min_max(average, start, iterations)?;
         let last = trace.last().copied().unwrap_or(Trace { theta: average, gamma: start, cost: f64::INFINITY });
@@ -259,7 +308,7 @@ impl<'a> Search<'a> {
             let (gamma, known) = self.compass(best.gamma, &|search, gamma, enough| {
                 let mut largest = f64::NEG_INFINITY;
                 for theta in &scenarios {
-                    largest = largest.max(search.cost(*theta, gamma)?);
+                    largest = largest.max(search.cost_below(*theta, gamma, enough)?);
                     if largest >= enough {
                         break;
                     }
@@ -272,7 +321,7 @@ impl<'a> Search<'a> {
                 best = found;
             }
         }
-        let evaluations = self.known.len();
+        let evaluations = self.known.len() + self.bounds.len();
         Ok(Outcome { nominal, nominal_cost, robust: best, trace, scenarios, rounds: done, closed, evaluations })
     }
 }
@@ -280,5 +329,5 @@ impl<'a> Search<'a> {
 /// Evaluations of J that [`Search::run`] makes about at most, for progress.
 #[must_use]
 pub fn expected_evaluations(iterations: usize, rounds: usize) -> u64 {
-    (40 + 7 * iterations + 2 * 40 + rounds * (40 * 3 + 40)) as u64
+    (40 + GRID * GRID + 7 * iterations + 2 * 40 + rounds * (40 * 3 + 40)) as u64
 }

@@ -1,5 +1,6 @@
 //! How a signal resembles itself later, and how well the past predicts it.
 
+use crate::ctl::{Ctl, Stopped};
 use crate::num::fourier;
 use crate::num::linalg::{self, NoConvergence};
 use nalgebra::{DMatrix, DVector};
@@ -12,31 +13,36 @@ const DEPENDENT: f64 = 1e-10;
 
 /// `R(j) = Σ_k x_k x_{k+j}/N` for j = 0 … `lags − 1` of a periodic signal, given one period of N samples; j runs
 /// around.
-#[must_use]
-pub fn periodic_autocorrelation(period: &[f64], lags: usize) -> Vec<f64> {
+///
+/// # Errors
+/// [`Stopped`].
+pub fn periodic_autocorrelation(period: &[f64], lags: usize, ctl: &Ctl) -> Result<Vec<f64>, Stopped> {
     let n = period.len();
     if n == 0 {
-        return Vec::new();
+        return Ok(Vec::new());
     }
-    let power: Vec<_> = fourier::real_transform(period).iter().map(|x| (x * x.conj()).re.into()).collect();
-    let one = fourier::inverse_real(&power, n);
-    (0..lags).map(|j| one[j % n] / n as f64).collect()
+    let lines = fourier::real_transform_in_parts(period, ctl)?;
+    let power: Vec<_> = lines.iter().map(|x| (x * x.conj()).re.into()).collect();
+    let one = fourier::inverse_real_in_parts(&power, n, ctl)?;
+    Ok((0..lags).map(|j| one[j % n] / n as f64).collect())
 }
 
 /// `R(j) = Σ_{k ≥ j} x_k x_{k−j}` for j = 0 … `lags − 1`, the sum over what the record holds (Priess 2015, equation
 /// 5.8), not divided by the number of terms.
-#[must_use]
-pub fn autocorrelation(record: &[f64], lags: usize) -> Vec<f64> {
+///
+/// # Errors
+/// [`Stopped`].
+pub fn autocorrelation(record: &[f64], lags: usize, ctl: &Ctl) -> Result<Vec<f64>, Stopped> {
     let n = record.len();
     if n == 0 {
-        return vec![0.0; lags];
+        return Ok(vec![0.0; lags]);
     }
     // Zeros behind the record keep its ends from meeting.
     let mut padded = record.to_vec();
     padded.resize((2 * n).next_power_of_two(), 0.0);
-    let around = periodic_autocorrelation(&padded, lags.min(n));
+    let around = periodic_autocorrelation(&padded, lags.min(n), ctl)?;
     let scale = padded.len() as f64;
-    (0..lags).map(|j| around.get(j).map_or(0.0, |r| r * scale)).collect()
+    Ok((0..lags).map(|j| around.get(j).map_or(0.0, |r| r * scale)).collect())
 }
 
 /// The share of a signal's variance that the best linear predictor explains `horizon` samples ahead, from 24 values of
@@ -83,7 +89,9 @@ mod tests {
         let mut random = stream(5, "correlation");
         for n in [7_usize, 60, 242] {
             let x: Vec<f64> = (0..n).map(|_| random.random::<f64>() - 0.4).collect();
-            let (around, along) = (periodic_autocorrelation(&x, n), autocorrelation(&x, n + 3));
+            let ctl = Ctl::new();
+            let around = periodic_autocorrelation(&x, n, &ctl).unwrap();
+            let along = autocorrelation(&x, n + 3, &ctl).unwrap();
             for j in 0..n {
                 let circular = (0..n).map(|k| x[k] * x[(k + j) % n]).sum::<f64>() / n as f64;
                 let open: f64 = (j..n).map(|k| x[k] * x[k - j]).sum();
@@ -97,7 +105,7 @@ mod tests {
     fn a_sinusoid_is_predicted_and_white_noise_is_not() {
         let n = 1000;
         let sine: Vec<f64> = (0..n).map(|k| (0.02 * std::f64::consts::PI * f64::from(k)).sin()).collect();
-        let r = periodic_autocorrelation(&sine, 500);
+        let r = periodic_autocorrelation(&sine, 500, &Ctl::new()).unwrap();
         assert!(predictability(&r, 7, 3).unwrap() > 1.0 - 1e-6);
         let mut white = vec![0.0; 500];
         white[0] = 1.0;

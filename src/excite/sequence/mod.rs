@@ -7,6 +7,7 @@
 mod chips;
 mod chirp;
 pub mod correlation;
+mod crest;
 mod error;
 pub mod field;
 mod multisine;

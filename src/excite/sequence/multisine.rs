@@ -1,13 +1,10 @@
 //! Multisines: sums of sinusoids on multiples of a base line.
 
+use super::crest;
 use super::error::SequenceError;
 use super::sampled::{Period, Sequence, SequenceDetails, whole};
 use crate::ctl::Ctl;
-use crate::num::Complex64;
-use crate::num::fourier;
-use crate::num::least_squares::{LeastSquares, LeastSquaresError, Options, minimise};
 use crate::num::rng::stream;
-use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -17,17 +14,6 @@ use std::f64::consts::PI;
 const MAX_LINES: usize = 1_000;
 /// The largest multiple of the base line.
 const MAX_HARMONIC: u64 = 100_000;
-/// Points per shortest wave on which a peak is looked for.
-const OVERSAMPLING: usize = 16;
-/// Random starts of the crest's optimisation, beside Schroeder's phases.
-const STARTS: usize = 8;
-/// Swaps between time and frequency from each start.
-const SWAPS: usize = 150;
-/// Lines up to which the best start is polished by Gauss-Newton steps on p-norms.
-const POLISHED_LINES: usize = 64;
-/// Halves of the exponents of those norms, in turn.
-const EXPONENTS: [i32; 5] = [2, 4, 8, 16, 32];
-
 /// Which multiples of the base line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
@@ -145,11 +131,11 @@ fn first_seed() -> u64 {
     1
 }
 
-/// A line: its multiple of the base, amplitude and phase.
+/// A line: its multiple of the base, and its amplitude.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Line {
-    harmonic: u64,
-    amplitude: f64,
+pub(super) struct Line {
+    pub harmonic: u64,
+    pub amplitude: f64,
 }
 
 impl Multisine {
@@ -268,8 +254,8 @@ impl Multisine {
         let lines = self.lines()?;
         let phases = match &self.phases {
             Phases::Random => self.random_phases(&lines, 0),
-            Phases::Schroeder => schroeder(&lines),
-            Phases::CrestOptimised => self.optimised(&lines, ctl)?,
+            Phases::Schroeder => crest::schroeder(&lines),
+            Phases::CrestOptimised => crest::optimised(&lines, |start| self.random_phases(&lines, start), ctl)?,
             Phases::Rad(phases) => phases.clone(),
         };
         let seconds = self.base_hz.recip();
@@ -277,7 +263,7 @@ impl Multisine {
         let values = match period.samples {
             // On the grid of one period, by the fast transform.
             Some(n) => {
-                let one = on_grid(&lines, &phases, n);
+                let one = crest::on_grid(&lines, &phases, n);
                 (0..samples).map(|k| one[k % n]).collect()
             }
             None => {
@@ -293,8 +279,9 @@ impl Multisine {
                 values
             }
         };
-        let crest_factor = Some(crest_factor(&lines, &phases));
-        let details = SequenceDetails { phases_rad: Some(phases), crest_factor, ..SequenceDetails::default() };
+        let continuous_crest_factor = Some(crest::crest_factor(&lines, &phases));
+        let details =
+            SequenceDetails { phases_rad: Some(phases), continuous_crest_factor, ..SequenceDetails::default() };
         let harmonics = Some(lines.iter().map(|line| line.harmonic as usize).collect());
         Ok(Sequence { sample_time_s, values, period: Some(period), harmonics, chip_s: None, details })
     }
@@ -303,164 +290,9 @@ impl Multisine {
         let mut random = stream(self.seed, &format!("excite/multisine/{start}"));
         lines.iter().map(|_| 2.0 * PI * random.random::<f64>()).collect()
     }
-
-    /// The phases of the lowest crest factor found from Schroeder's and random starts: swaps between the clipped signal
-    /// and its amplitudes (Van der Ouderaa, Schoukens and Renneboog 1988), and for few lines Gauss-Newton steps on
-    /// p-norms of growing p after them (Guillaume, Schoukens, Pintelon and Kollár 1991).
-    fn optimised(&self, lines: &[Line], ctl: &Ctl) -> Result<Vec<f64>, SequenceError> {
-        let mut best: Option<(f64, Vec<f64>)> = None;
-        for start in 0..=STARTS {
-            let phases = if start == 0 { schroeder(lines) } else { self.random_phases(lines, start) };
-            let phases = swapped(lines, phases, ctl)?;
-            let crest = crest_factor(lines, &phases);
-            if best.as_ref().is_none_or(|(least, _)| crest < *least) {
-                best = Some((crest, phases));
-            }
-        }
-        let (mut crest, mut phases) = best.unwrap_or_else(|| (f64::INFINITY, schroeder(lines)));
-        if (2..=POLISHED_LINES).contains(&lines.len()) {
-            let mut current = phases.clone();
-            for exponent in EXPONENTS {
-                let problem = Norm::new(lines, exponent);
-                let options = Options { max_evaluations: 60, ..Options::default() };
-                match minimise(&problem, &current, &options, ctl) {
-                    Ok(found) => current = found.x,
-                    Err(LeastSquaresError::Stopped(stopped)) => return Err(stopped.into()),
-                    Err(_) => break,
-                }
-                let reached = crest_factor(lines, &current);
-                if reached < crest {
-                    crest = reached;
-                    phases.clone_from(&current);
-                }
-            }
-        }
-        Ok(phases)
-    }
 }
 
 /// Whether a number is prime, by trial division.
 fn is_prime(n: u64) -> bool {
     n >= 2 && (2..).take_while(|q| q * q <= n).all(|q| !n.is_multiple_of(q))
-}
-
-fn schroeder(lines: &[Line]) -> Vec<f64> {
-    let total: f64 = lines.iter().map(|line| line.amplitude.powi(2)).sum();
-    let (mut turns, mut share) = (0.0, 0.0);
-    lines
-        .iter()
-        .map(|line| {
-            // Σ_{j<k} (k − j) p_j grows by Σ_{j<k} p_j from line to line.
-            turns += share;
-            share += line.amplitude.powi(2) / total;
-            -2.0 * PI * turns
-        })
-        .collect()
-}
-
-/// One period on `n` points.
-fn on_grid(lines: &[Line], phases: &[f64], n: usize) -> Vec<f64> {
-    let mut spectrum = vec![Complex64::new(0.0, 0.0); n / 2 + 1];
-    for (line, phase) in lines.iter().zip(phases) {
-        spectrum[line.harmonic as usize] += Complex64::from_polar(0.5 * n as f64 * line.amplitude, *phase);
-    }
-    fourier::inverse_real(&spectrum, n)
-}
-
-/// Points that resolve the peaks between samples.
-fn fine_grid(lines: &[Line]) -> usize {
-    let highest = lines.last().map_or(1, |line| line.harmonic as usize);
-    (OVERSAMPLING * highest).next_power_of_two()
-}
-
-/// Peak over rms of the continuous signal, the peak on a fine grid.
-fn crest_factor(lines: &[Line], phases: &[f64]) -> f64 {
-    let values = on_grid(lines, phases, fine_grid(lines));
-    let peak = values.iter().fold(0.0_f64, |peak, x| peak.max(x.abs()));
-    let power: f64 = lines.iter().map(|line| 0.5 * line.amplitude.powi(2)).sum();
-    peak / power.sqrt()
-}
-
-/// Phases after swaps: the signal is clipped near its peak, and its lines are given their amplitudes back.
-fn swapped(lines: &[Line], start: Vec<f64>, ctl: &Ctl) -> Result<Vec<f64>, SequenceError> {
-    let n = fine_grid(lines).min(1 << 18).max(4 * (lines.last().map_or(1, |line| line.harmonic as usize) + 1));
-    let mut phases = start.clone();
-    let mut best = (f64::INFINITY, start);
-    for swap in 0..SWAPS {
-        ctl.check()?;
-        let mut values = on_grid(lines, &phases, n);
-        let peak = values.iter().fold(0.0_f64, |peak, x| peak.max(x.abs()));
-        if peak < best.0 {
-            best = (peak, phases.clone());
-        }
-        // Clip hard at first and hardly at the end.
-        let level = peak * (0.8 + 0.19 * swap as f64 / SWAPS as f64);
-        for x in &mut values {
-            *x = x.clamp(-level, level);
-        }
-        let spectrum = fourier::real_transform(&values);
-        for (phase, line) in phases.iter_mut().zip(lines) {
-            let value = spectrum[line.harmonic as usize];
-            if value.norm() > 0.0 {
-                *phase = value.arg();
-            }
-        }
-    }
-    Ok(best.1)
-}
-
-/// `Σ (x_i/σ)^{2p}` as a sum of squares of `(x_i/σ)^p`.
-struct Norm {
-    lines: Vec<Line>,
-    points: usize,
-    exponent: i32,
-    scale: f64,
-}
-
-impl Norm {
-    fn new(lines: &[Line], exponent: i32) -> Self {
-        let power: f64 = lines.iter().map(|line| 0.5 * line.amplitude.powi(2)).sum();
-        let highest = lines.last().map_or(1, |line| line.harmonic as usize);
-        // Few points per wave suffice for a norm; sparse lines of high multiples need no more than this many.
-        let points = (6 * highest).clamp(16 * lines.len(), 4096);
-        Self { lines: lines.to_vec(), points, exponent, scale: power.sqrt() }
-    }
-}
-
-impl LeastSquares for Norm {
-    fn unknowns(&self) -> usize {
-        self.lines.len()
-    }
-
-    fn equations(&self) -> usize {
-        self.points
-    }
-
-    fn evaluate(&self, x: &[f64], residuals: &mut DVector<f64>, jacobian: Option<&mut DMatrix<f64>>) -> bool {
-        let mut values = vec![0.0; self.points];
-        let mut slopes = jacobian.is_some().then(|| DMatrix::zeros(self.points, self.lines.len()));
-        for (j, (line, phase)) in self.lines.iter().zip(x).enumerate() {
-            for (i, value) in values.iter_mut().enumerate() {
-                // The whole turns in exact arithmetic.
-                let part = (line.harmonic * i as u64 % self.points as u64) as f64 / self.points as f64;
-                let (sin, cos) = (2.0 * PI * part + phase).sin_cos();
-                *value += line.amplitude / self.scale * cos;
-                if let Some(slopes) = &mut slopes {
-                    slopes[(i, j)] = -line.amplitude / self.scale * sin;
-                }
-            }
-        }
-        for (i, value) in values.iter().enumerate() {
-            residuals[i] = value.powi(self.exponent);
-        }
-        if let (Some(jacobian), Some(slopes)) = (jacobian, slopes) {
-            for (i, value) in values.iter().enumerate() {
-                let outer = f64::from(self.exponent) * value.powi(self.exponent - 1);
-                for j in 0..self.lines.len() {
-                    jacobian[(i, j)] = outer * slopes[(i, j)];
-                }
-            }
-        }
-        residuals.iter().all(|r| r.is_finite())
-    }
 }

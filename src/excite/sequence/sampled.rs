@@ -46,9 +46,10 @@ pub struct SequenceDetails {
     /// The phase of every line in rad, of a multisine.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub phases_rad: Option<Vec<f64>>,
-    /// Peak over root mean square of the signal in continuous time, dimensionless, of a multisine.
+    /// Peak over root mean square of the sum of sinusoids in continuous time, between the samples too, dimensionless;
+    /// of a multisine that is neither cut, tapered nor shifted. That of the samples is `crest_factor` of the signal.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub crest_factor: Option<f64>,
+    pub continuous_crest_factor: Option<f64>,
     /// The order of the low-pass, of filtered noise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub filter_order: Option<usize>,

@@ -260,6 +260,7 @@ impl CheckedSequence {
             values.iter_mut().for_each(|x| *x *= factor);
         }
         if self.spec.offset != 0.0 {
+            sequence.details.continuous_crest_factor = None;
             values.iter_mut().for_each(|x| *x += self.spec.offset);
         }
         if let Some([least, most]) = self.spec.clip
@@ -268,11 +269,13 @@ impl CheckedSequence {
             values.iter_mut().for_each(|x| *x = x.clamp(least, most));
             // What is cut off appears on lines of its own.
             sequence.harmonics = None;
+            sequence.details.continuous_crest_factor = None;
         }
         if self.spec.taper > 0.0 {
             let taper = self.spec.taper;
             values.iter_mut().enumerate().for_each(|(k, x)| *x *= tukey(k, n, taper));
             (sequence.period, sequence.harmonics) = (None, None);
+            sequence.details.continuous_crest_factor = None;
         }
         Ok(sequence)
     }
