@@ -99,7 +99,12 @@ impl PlantInput {
                         .map_err(|e| problems::path(&e));
                 }
                 let den = vec![*mass_kg, *damping_ns_per_m, 0.0];
-                &Model::TransferFunction(TransferFunctionModel { num: vec![1.0], den, sample_time_s: None })
+                &Model::TransferFunction(TransferFunctionModel {
+                    num: vec![1.0],
+                    den,
+                    sample_time_s: None,
+                    delay_s: None,
+                })
             }
             Self::Model(model) => model,
             Self::Stored(id) => library.plant(*id).map_err(|problem| problem.at(at))?,
