@@ -260,8 +260,11 @@ impl<A: Analysis> Checked for A {
         let hashes = self.inputs().sha256(library)?;
         let outcome = A::run(self, library, ctl)?;
         let result: Value = json!(outcome.result);
+        // First what is doubtful about the recordings themselves: it carries whatever was computed from them.
+        let mut warnings = library.warnings(&self.inputs().references());
+        warnings.extend(outcome.warnings);
         let mut report =
-            Report::new(A::KIND, A::RESULT_VERSION, result, outcome.warnings, json!(self.spec()), hashes, self.seed());
+            Report::new(A::KIND, A::RESULT_VERSION, result, warnings, json!(self.spec()), hashes, self.seed());
         report.provenance.effort = outcome.effort;
         Ok(report)
     }

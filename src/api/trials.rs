@@ -8,7 +8,7 @@ use super::problem::ApiResult;
 use super::subjects::SubjectPath;
 use super::timestamp::Timestamp;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId, TrialId};
-use crate::analysis::{Code, Problem};
+use crate::analysis::{Code, Problem, Warning};
 use crate::learning::time_domain::TimeDomainMetrics;
 use crate::store::{TrialPatch, TrialRecord};
 use axum::response::Response;
@@ -47,6 +47,8 @@ pub(crate) struct TrialView {
     sha256: String,
     /// What was measured in the time domain.
     metrics: TrialMetrics,
+    /// What was found at the upload and must be read before the trial is used; repeated in every report that uses it.
+    recording_warnings: Vec<Warning>,
     /// Counts changes, from 1.
     version: i64,
     /// When it was made, UTC.
@@ -90,6 +92,7 @@ impl From<TrialRecord> for TrialView {
             has_disturbance: record.has_disturbance,
             sha256: record.sha256,
             metrics: TrialMetrics { time_domain: record.metrics, divergent: record.divergent },
+            recording_warnings: record.warnings,
             version: record.version,
             created_at: record.created_at,
             updated_at: record.updated_at,

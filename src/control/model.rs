@@ -38,6 +38,9 @@ pub struct TransferFunctionModel {
     /// Sample time in seconds; null in continuous time.
     #[serde(default)]
     pub sample_time_s: Option<f64>,
+    /// A pure delay behind it in seconds, `G e^{−sτ}`; of a sampled system whole samples. Default: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub delay_s: Option<f64>,
 }
 
 /// A state space model as written in JSON, row-major.
@@ -90,6 +93,14 @@ pub enum ModelError {
         /// The number of columns of row 0.
         expected: usize,
     },
+    /// A delay that cannot be.
+    #[error("the delay is {delay_s} s, and {why}")]
+    Delay {
+        /// The delay.
+        delay_s: f64,
+        /// What it must be.
+        why: &'static str,
+    },
     /// The matrices are no state space model.
     #[error(transparent)]
     StateSpace(#[from] StateSpaceError),
@@ -120,6 +131,7 @@ struct Fields {
     c: Option<Vec<Vec<f64>>>,
     d: Option<Vec<Vec<f64>>>,
     sample_time_s: Option<f64>,
+    delay_s: Option<f64>,
 }
 
 impl TryFrom<Fields> for Model {
@@ -127,7 +139,10 @@ impl TryFrom<Fields> for Model {
 
     fn try_from(fields: Fields) -> Result<Self, String> {
         const FORMS: &str = "a model has either num and den (transfer function) or a, b, c and d (state space)";
-        let Fields { num, den, a, b, c, d, sample_time_s } = fields;
+        let Fields { num, den, a, b, c, d, sample_time_s, delay_s } = fields;
+        if delay_s.is_some() && num.is_none() {
+            return Err("delay_s belongs to a transfer function, num and den".to_owned());
+        }
         let given: Vec<&str> = [
             ("num", num.is_some()),
             ("den", den.is_some()),
@@ -141,7 +156,7 @@ impl TryFrom<Fields> for Model {
         .collect();
         match (num, den, a, b, c, d) {
             (Some(num), Some(den), None, None, None, None) => {
-                Ok(Self::TransferFunction(TransferFunctionModel { num, den, sample_time_s }))
+                Ok(Self::TransferFunction(TransferFunctionModel { num, den, sample_time_s, delay_s }))
             }
             (None, None, Some(a), Some(b), Some(c), Some(d)) => {
                 Ok(Self::StateSpace(StateSpaceModel { a, b, c, d, sample_time_s }))
@@ -173,12 +188,34 @@ impl Model {
     /// ([`conversion::to_transfer_function`]).
     ///
     /// # Errors
-    /// [`ModelError`], also for a model with several inputs or outputs.
+    /// [`ModelError`], also for a model with several inputs or outputs, and for a continuous one with a delay, which is
+    /// no rational function ([`Model::check_delayed`] takes it).
     pub fn check(&self) -> Result<System, ModelError> {
+        match self.check_delayed()? {
+            (system, 0.0) => Ok(system),
+            (_, delay_s) => Err(ModelError::Delay {
+                delay_s,
+                why: "only ssid takes a plant with a delay in continuous time; in sampled time any kind does",
+            }),
+        }
+    }
+
+    /// The checked system and the delay behind it in seconds, which is 0 for a sampled system: whole samples are poles
+    /// at the origin.
+    ///
+    /// # Errors
+    /// [`ModelError`], also for a model with several inputs or outputs.
+    pub fn check_delayed(&self) -> Result<(System, f64), ModelError> {
+        let delay_s = match self {
+            Self::TransferFunction(m) => m.delay_s.unwrap_or(0.0),
+            Self::StateSpace(_) => 0.0,
+        };
         Ok(match self.checked()? {
-            Checked::TransferFunction(system) => system,
-            Checked::Continuous(model) => System::Continuous(conversion::to_transfer_function(&model)?),
-            Checked::Discrete(model) => System::Discrete(conversion::to_transfer_function(&model)?),
+            Checked::TransferFunction(system @ System::Continuous(_)) => (system, delay_s),
+            // With its samples of delay already.
+            Checked::TransferFunction(system) => (system, 0.0),
+            Checked::Continuous(model) => (System::Continuous(conversion::to_transfer_function(&model)?), 0.0),
+            Checked::Discrete(model) => (System::Discrete(conversion::to_transfer_function(&model)?), 0.0),
         })
     }
 
@@ -201,16 +238,44 @@ impl Model {
     fn checked(&self) -> Result<Checked, ModelError> {
         let time = self.sample_time_s().map(Discrete::new).transpose()?;
         match self {
-            Self::TransferFunction(m) => Ok(Checked::TransferFunction(match time {
-                None => System::Continuous(TransferFunction::new(&m.num, &m.den, Continuous)?),
-                Some(time) => System::Discrete(TransferFunction::new(&m.num, &m.den, time)?),
-            })),
+            Self::TransferFunction(m) => {
+                let delay_s = m.delay_s.unwrap_or(0.0);
+                if !(delay_s >= 0.0 && delay_s.is_finite()) {
+                    return Err(ModelError::Delay { delay_s, why: "must be a number that is not negative" });
+                }
+                Ok(Checked::TransferFunction(match time {
+                    None => System::Continuous(TransferFunction::new(&m.num, &m.den, Continuous)?),
+                    Some(time) => {
+                        let samples = whole_samples(delay_s, time.period_s())?;
+                        let den = [m.den.as_slice(), &vec![0.0; samples]].concat();
+                        System::Discrete(TransferFunction::new(&m.num, &den, time)?)
+                    }
+                }))
+            }
             Self::StateSpace(m) => Ok(match time {
                 None => Checked::Continuous(m.check(Continuous)?),
                 Some(time) => Checked::Discrete(m.check(time)?),
             }),
         }
     }
+}
+
+/// Samples of delay at most: each is a pole.
+const MOST_SAMPLES: f64 = 200.0;
+
+/// How many samples a delay is.
+///
+/// # Errors
+/// [`ModelError::Delay`] where it is no whole number of them.
+pub fn whole_samples(delay_s: f64, sample_time_s: f64) -> Result<usize, ModelError> {
+    let samples = delay_s / sample_time_s;
+    if (samples - samples.round()).abs() > 1e-6 * samples.max(1.0) {
+        return Err(ModelError::Delay { delay_s, why: "must be whole samples in sampled time" });
+    }
+    if samples > MOST_SAMPLES {
+        return Err(ModelError::Delay { delay_s, why: "may be 200 samples at most in sampled time" });
+    }
+    Ok(samples.round() as usize)
 }
 
 impl StateSpaceModel {
@@ -303,6 +368,7 @@ impl System {
             num: self.num().coefficients().to_vec(),
             den: self.den().coefficients().to_vec(),
             sample_time_s: self.sample_time_s(),
+            delay_s: None,
         })
     }
 }
@@ -325,6 +391,7 @@ impl<T: TimeBase> From<&TransferFunction<T>> for TransferFunctionModel {
             num: system.num().coefficients().to_vec(),
             den: system.den().coefficients().to_vec(),
             sample_time_s: system.time().sample_time_s(),
+            delay_s: None,
         }
     }
 }

@@ -159,7 +159,7 @@ fn turned(lines: &Lines, recipe: &Recipe, delays: Pair) -> Result<Problem, SsidE
 }
 
 /// Whether the loop keeps the pool's margin with its delay; in sampled time the pool has seen to that.
-fn is_stable(plant: &System, feedback: &System, delay_s: f64, pool: &Pool) -> bool {
+pub(super) fn is_stable(plant: &System, feedback: &System, delay_s: f64, pool: &Pool) -> bool {
     let region = pool.region();
     if region.time != Time::Continuous || delay_s == 0.0 {
         return true;

@@ -5,6 +5,7 @@ pub mod basis;
 pub mod both_stimuli;
 pub mod delayed;
 pub mod family;
+mod findings;
 pub mod identifiability;
 pub mod mimo;
 pub mod pool;

@@ -5,6 +5,7 @@
 //! and linear in the feedforward numerator.
 
 use super::basis::{Basis, TooFewLines};
+use super::search::NEAR;
 use super::time::Time;
 use crate::control::System;
 use num_complex::Complex64;
@@ -136,6 +137,22 @@ impl Problem {
     #[must_use]
     pub fn lines(&self) -> &[Line] {
         &self.lines
+    }
+
+    /// A difference of costs that rounding alone can make: `(2⁸ ε)² Σ weight |H|²`. The residuals of a candidate that
+    /// fits exactly are the rounding of H and of the loop's functions, some ε each, squared and summed.
+    #[must_use]
+    pub fn rounding(&self) -> f64 {
+        const RESIDUAL: f64 = 256.0 * f64::EPSILON;
+        let scale: f64 = self.lines.iter().map(|line| line.weight * line.response.norm_sqr()).sum();
+        RESIDUAL * RESIDUAL * scale
+    }
+
+    /// Up to which cost a candidate fits as well as one that costs `best`: within the share [`NEAR`] of it, and within
+    /// rounding.
+    #[must_use]
+    pub fn near_limit(&self, best: f64) -> f64 {
+        ((1.0 + NEAR) * best).max(best + self.rounding())
     }
 
     /// The basis of the feedforward numerator.

@@ -6,15 +6,18 @@
 //! differ in time base and pool.
 
 use super::basis::TooFewLines;
+use super::delayed::is_stable;
 use super::family::{Member, family};
+use super::findings::findings;
 use super::identifiability::{self, Identifiability};
-use super::pool::{Pool, PoolError, Position, Recipe};
-use super::problem::{Dropped, Line, Lines, Problem, Unusable};
-use super::search::{NEAR, Optimum, Search, exact};
+use super::pool::{Pool, PoolError, Recipe};
+use super::problem::{Dropped, Line, Lines, Problem};
+use super::search::{MOST_NEAR, Optimum, Search, exact};
 use super::time::Time;
 use crate::control::discretise::{DiscretiseError, zero_order_hold};
+use crate::control::model::whole_samples;
 use crate::control::time_base::BadSampleTime;
-use crate::control::{Continuous, Discrete, System, TimeBase, TransferFunction};
+use crate::control::{Continuous, Discrete, ModelError, System, TimeBase, TransferFunction};
 use crate::ctl::{Bracket, Ctl, Stopped};
 use crate::num::linalg::NoConvergence;
 use crate::person::two_degrees_of_freedom::TwoDegreesOfFreedom;
@@ -78,6 +81,20 @@ pub enum SsidError {
     /// The sample time is not positive.
     #[error(transparent)]
     SampleTime(#[from] BadSampleTime),
+    /// A delay of the plant that its controllers cannot have.
+    #[error(transparent)]
+    PlantDelay(#[from] ModelError),
+    /// No near-optimal candidate is stable with the plant's delay.
+    #[error(
+        "the {tried} candidates that fit best are all unstable with the plant's delay of {delay_s} s (they are stable \
+         without it)"
+    )]
+    UnstableWithDelay {
+        /// Candidates tried.
+        tried: usize,
+        /// The delay.
+        delay_s: f64,
+    },
     /// The plant cannot be discretised.
     #[error(transparent)]
     Discretise(#[from] DiscretiseError),
@@ -140,8 +157,10 @@ pub struct Finding {
 /// The identified controllers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identified {
-    /// The plant in the time base of the controllers.
+    /// The plant in the time base of the controllers, without `plant_delay_s`.
     pub plant: System,
+    /// The delay behind a continuous plant, in seconds; of a sampled one it is part of the plant.
+    pub plant_delay_s: f64,
     /// Gff.
     pub feedforward: System,
     /// Gfb.
@@ -158,6 +177,8 @@ pub struct Identified {
     pub feedback_controllers: u64,
     /// The controllers of the near-optimal candidates in [`Optimum::near`], the best one first.
     pub family: Vec<Member>,
+    /// A difference of costs that rounding alone can make.
+    pub rounding: f64,
     /// Poles of the closed loop: of the feedforward, then of the feedback loop.
     pub closed_loop_poles: Vec<Complex64>,
     /// Largest real part of their exponents in 1/s; `None` where there is no pole with a finite one.
@@ -173,13 +194,6 @@ pub struct Identified {
     /// What must be read.
     pub findings: Vec<Finding>,
 }
-
-/// Below this separation, or above this condition number, feedback and feedforward count as confounded.
-const POOR_SEPARATION: f64 = 0.02;
-const POOR_CONDITION: f64 = 1e4;
-
-/// Relative difference between J by least squares and J of the reported coefficients that is worth a warning.
-const COST_MISMATCH: f64 = 1e-6;
 
 /// The plant in the time base that the recipe asks for: a continuous plant with sampled controllers goes through a
 /// zero-order hold (Zhang 2015, section 5.6.1).
@@ -207,14 +221,41 @@ pub fn identify(
     search: &impl Search,
     ctl: &Ctl,
 ) -> Result<Identified, SsidError> {
+    identify_delayed(plant, 0.0, data, settings, search, ctl)
+}
+
+/// [`identify`] with a known delay behind a continuous plant, `G e^{−sτ}`.
+///
+/// With sampled controllers the plant and its delay, whole samples, go through the hold together. With continuous ones
+/// the lines have the plant with its delay, the pool holds what is stable without the delay, and of its near-optimal
+/// candidates the first counts whose loop is stable with the delay too, as [`delayed`](super::delayed) has it.
+///
+/// # Errors
+/// [`SsidError`]; [`SsidError::UnstableWithDelay`] where none of the near-optimal candidates is stable with it.
+pub fn identify_delayed(
+    plant: &System,
+    plant_delay_s: f64,
+    data: &FrequencyData,
+    settings: &Settings,
+    search: &impl Search,
+    ctl: &Ctl,
+) -> Result<Identified, SsidError> {
     let recipe = &settings.recipe;
     let plant = plant_for(recipe, plant, settings.sample_time_s)?;
+    let (plant, plant_delay_s) = match plant {
+        System::Discrete(sampled) => (System::Discrete(behind(&sampled, plant_delay_s)?), 0.0),
+        continuous @ System::Continuous(_) => (continuous, plant_delay_s),
+    };
     let weights = weights(settings.weights, data)?;
     let lines = Lines::new(&plant, &data.omega_rad_s, &data.h, weights.as_deref());
     if lines.used.is_empty() {
         return Err(SsidError::NoLine(data.omega_rad_s.len()));
     }
-    let problem = Problem::new(&lines, recipe.feedforward_numerator_degree)?;
+    let mut turned = lines.clone();
+    for line in &mut turned.used {
+        line.plant *= Complex64::from_polar(1.0, -line.omega_rad_s * plant_delay_s);
+    }
+    let problem = Problem::new(&turned, recipe.feedforward_numerator_degree)?;
     let structure = recipe.structure();
     let (equations, unknowns) = (identifiability::equations(&problem), structure.unknowns());
     if equations < unknowns {
@@ -224,28 +265,38 @@ pub fn identify(
     let pool = search.pool(recipe, &plant, ctl)?;
     check_size(&pool, settings.max_candidates)?;
     ctl.begin_search();
-    let optimum = search.search(&problem, &pool, ctl).map_err(|stopped| interrupted(stopped, &problem, &pool, ctl))?;
+    let mut optimum =
+        search.search(&problem, &pool, ctl).map_err(|stopped| interrupted(stopped, &problem, &pool, ctl))?;
     if !optimum.cost.is_finite() {
         return Err(SsidError::NotFinite("cost: the data are too large"));
     }
+    keep_stable(&mut optimum, &problem, &pool, &plant, plant_delay_s, ctl)?;
     // Found and proven, by QR; whoever stops what follows still has it.
     ctl.begin_search();
     ctl.set_bracket(Bracket { incumbent: optimum.cost, bound: optimum.cost, index: optimum.index });
     let time = pool.region().time;
     let (_, [feedforward, feedback]) = controllers(&problem, &pool, optimum.index)?;
     let (closed_loop_poles, model) = closed_loop(&plant, &feedforward, &feedback, &lines.used)?;
+    let (closed_loop_poles, model) = if plant_delay_s > 0.0 {
+        // A loop with a delay has poles without end, and these are not among them.
+        (Vec::new(), turned.used.iter().map(|line| responds(line, &feedforward, &feedback)).collect())
+    } else {
+        (closed_loop_poles, model)
+    };
     let slowest_exponent = time.slowest_exponent(&closed_loop_poles).filter(|e| e.is_finite());
     let cost_of_coefficients =
         lines.used.iter().zip(&model).map(|(line, g)| line.weight * (g - line.response).norm_sqr()).sum();
     let mut identified = Identified {
         identifiability: identifiability::judge(&problem, structure, &feedforward, &feedback),
         plant,
+        plant_delay_s,
         feedforward,
         feedback,
         cost_of_coefficients,
         pool_size: pool.size(),
         feedforward_denominators: pool.feedforward().len() as u64,
         feedback_controllers: pool.feedback().len(),
+        rounding: problem.rounding(),
         family: family(&problem, &pool, &optimum)?,
         closed_loop_poles,
         slowest_exponent,
@@ -257,6 +308,55 @@ pub fn identify(
     };
     identified.findings = findings(&identified, recipe, &pool, pool.position(identified.optimum.index));
     Ok(identified)
+}
+
+/// A sampled plant with a delay of whole samples.
+fn behind(plant: &TransferFunction<Discrete>, delay_s: f64) -> Result<TransferFunction<Discrete>, SsidError> {
+    let samples = whole_samples(delay_s, plant.time().period_s())?;
+    let den = [plant.den().coefficients(), &vec![0.0; samples]].concat();
+    TransferFunction::new(plant.num().coefficients(), &den, plant.time())
+        .map_err(|_| SsidError::NotFinite("plant with delay"))
+}
+
+/// The response from command to output at a line whose plant is given there.
+fn responds(line: &Line, feedforward: &System, feedback: &System) -> Complex64 {
+    let (gff, gfb) = (feedforward.response(line.omega_rad_s), feedback.response(line.omega_rad_s));
+    line.plant * (gff + gfb) / (1.0 + line.plant * gfb)
+}
+
+/// Leaves of an optimum and its family what is stable with the plant's delay.
+fn keep_stable(
+    optimum: &mut Optimum,
+    problem: &Problem,
+    pool: &Pool,
+    plant: &System,
+    delay_s: f64,
+    ctl: &Ctl,
+) -> Result<(), SsidError> {
+    if delay_s == 0.0 {
+        return Ok(());
+    }
+    let tried = optimum.near.len();
+    let mut stable = Vec::with_capacity(tried);
+    for (index, cost) in &optimum.near {
+        ctl.check()?;
+        let (_, [_, feedback]) = controllers(problem, pool, *index)?;
+        if is_stable(plant, &feedback, delay_s, pool) {
+            stable.push((*index, *cost));
+        }
+    }
+    let Some((index, cost)) = stable.first().copied() else {
+        return Err(SsidError::UnstableWithDelay { tried, delay_s });
+    };
+    // Up to which cost all candidates were tried; the family of the one that is left ends there.
+    let limit = problem.near_limit(cost);
+    let whole = problem.near_limit(optimum.cost);
+    stable.retain(|(_, cost)| *cost <= limit);
+    (optimum.index, optimum.cost) = (index, cost);
+    optimum.near_optimal = stable.len() as u64;
+    optimum.near = stable;
+    optimum.near_is_cut = limit > whole || tried >= MOST_NEAR;
+    Ok(())
 }
 
 pub(super) fn weights(weights: Weights, data: &FrequencyData) -> Result<Option<Vec<f64>>, SsidError> {
@@ -332,111 +432,4 @@ fn closed_loop(
         // The controllers were made in the plant's time base.
         _ => Err(SsidError::NotFinite("time bases of plant and controllers")),
     }
-}
-
-fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, position: Position) -> Vec<Finding> {
-    let mut findings = Vec::new();
-    let mut say = |code: &'static str, message: String| findings.push(Finding { code, message });
-    for (why, code, words) in [
-        (
-            Unusable::PlantPole,
-            "line_on_plant_pole",
-            "a plant pole lies there, and the response tells nothing about the feedforward relative to the plant",
-        ),
-        (Unusable::PlantZero, "line_on_plant_zero", "the plant transmits nothing there, whatever the person does"),
-        (Unusable::NoResponse, "line_without_response", "there is no finite response"),
-        (Unusable::NoWeight, "line_without_weight", "its variance gives no positive weight"),
-        (Unusable::AboveNyquist, "line_above_nyquist", "it lies above the Nyquist frequency"),
-    ] {
-        let lines: Vec<String> = found
-            .dropped
-            .iter()
-            .filter(|dropped| dropped.why == why)
-            .map(|dropped| format!("{:.4}", dropped.omega_rad_s / std::f64::consts::TAU))
-            .collect();
-        if !lines.is_empty() {
-            say(code, format!("left out at {} Hz: {words}", lines.join(", ")));
-        }
-    }
-
-    let structure = recipe.structure();
-    let (np, dp) = (found.plant.num().degree(), found.plant.den().degree());
-    let wanted = dp
-        + structure.feedforward_denominator
-        + structure.feedback_denominator
-        + np
-        + (structure.feedforward_numerator + structure.feedback_denominator)
-            .max(structure.feedback_numerator + structure.feedforward_denominator);
-    if found.lines.len() <= wanted {
-        say(
-            "few_lines",
-            format!(
-                "{} frequency lines; more than {wanted} are needed to make sure that no other controllers of these \
-                 degrees \
-                 have the same closed loop (Zhang 2015, assumption A2.3)",
-                found.lines.len()
-            ),
-        );
-    }
-    if position.feedback.gain == 0.0 {
-        say(
-            "zero_feedback",
-            "the best candidate has no feedback at all; its feedback denominator means nothing".to_owned(),
-        );
-    }
-    let judged = &found.identifiability;
-    let poor = judged.separation.is_some_and(|s| s < POOR_SEPARATION)
-        || judged.condition_number.is_none_or(|c| c > POOR_CONDITION);
-    let numbers = format!(
-        "separation {} (1: unlike, 0: confounded), condition number {}",
-        judged.separation.map_or_else(|| "undefined".to_owned(), |s| format!("{s:.2e}")),
-        judged.condition_number.map_or_else(|| "undefined".to_owned(), |c| format!("{c:.2e}")),
-    );
-    if poor && position.feedback.gain != 0.0 {
-        say(
-            "feedback_poorly_determined",
-            format!(
-                "one response cannot tell two controllers apart but by their assumed degrees, and here it hardly does: \
-                 {numbers}. \
-                 Feedback and feedforward of much the same cost may differ a lot; a second stimulus at the plant's \
-                 input would separate them"
-            ),
-        );
-    } else {
-        say(
-            "feedback_from_structure",
-            format!(
-                "feedback and feedforward are told apart only by their assumed degrees (Zhang 2015, example 2.1); \
-                 {numbers}. \
-                 They describe the modelled loop on the known plant, which is no proof about the person"
-            ),
-        );
-    }
-    let near = found.optimum.near_optimal;
-    if near > 1 {
-        say(
-            "near_optimal_candidates",
-            format!("{near} candidates of the pool cost at most {:.0} % more than the best one", 100.0 * NEAR),
-        );
-    }
-    for edge in recipe.edges(pool, position) {
-        say(
-            "edge_of_pool",
-            format!("the best candidate lies on the edge of the pool: {edge}; a wider pool may hold a better one"),
-        );
-    }
-    let mismatch = (found.cost_of_coefficients - found.optimum.cost).abs();
-    let scale: f64 = found.lines.iter().map(|(line, _)| line.weight * line.response.norm_sqr()).sum();
-    if mismatch > COST_MISMATCH * found.optimum.cost && mismatch > 1e-12 * scale {
-        say(
-            "ill_conditioned_coefficients",
-            format!(
-                "the coefficients as written give the cost {:.6e} instead of {:.6e}: the feedforward numerator is too \
-                 high in degree \
-                 for its lines to be written in powers of the variable",
-                found.cost_of_coefficients, found.optimum.cost
-            ),
-        );
-    }
-    findings
 }

@@ -2,8 +2,10 @@
 
 use crate::control::simulate::SimulationError;
 use crate::control::{Continuous, Discrete, System, TransferFunction};
+use crate::num::fourier::RealTransform;
 use crate::person::two_degrees_of_freedom::{LoopResponse, TwoDegreesOfFreedom};
 use crate::trial::Trial;
+use num_complex::Complex64;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -17,10 +19,15 @@ const SAMPLE_TIME_TOLERANCE: f64 = 1e-5;
 /// disturbance where one was recorded, never by the recorded control or output: a one-step prediction would flatter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SimulatedVaf {
-    /// Of the output y.
+    /// Of the output y, over all frequencies.
     pub output: f64,
     /// Of the control u; null where the model has none to simulate.
     pub control: Option<f64>,
+    /// Of the output's sinusoids on the lines `k/(N T)` within the band; null where there is none, or nothing moves
+    /// there.
+    pub output_in_band: Option<f64>,
+    /// The same of the control.
+    pub control_in_band: Option<f64>,
     /// Why `control` is null.
     pub control_unavailable: Option<String>,
 }
@@ -47,7 +54,8 @@ pub enum ValidationError {
     ConstantOutput,
 }
 
-/// Simulates the loop on a trial's command (and disturbance) and compares with the recording.
+/// Simulates the loop on a trial's command (and disturbance) and compares with the recording, over all frequencies and
+/// within a band in rad/s: above the lines that it was fitted to a model is whatever its structure makes it.
 ///
 /// # Errors
 /// [`ValidationError`] where the loop cannot be simulated on this trial, or the output never moves.
@@ -56,6 +64,7 @@ pub fn simulated_vaf(
     plant: &System,
     feedforward: &System,
     feedback: &System,
+    band_rad_s: [f64; 2],
 ) -> Result<SimulatedVaf, ValidationError> {
     let response = match (plant, feedforward, feedback) {
         (System::Continuous(g), System::Continuous(ff), System::Continuous(fb)) => continuous(trial, g, ff, fb)?,
@@ -70,7 +79,32 @@ pub fn simulated_vaf(
             None => (None, Some("the recorded control is constant".to_owned())),
         },
     };
-    Ok(SimulatedVaf { output, control, control_unavailable })
+    let lines = lines_within(band_rad_s, trial);
+    let output_in_band = explained_on(&trial.signals.output, &response.output, &lines);
+    let control_in_band =
+        response.control.as_ref().and_then(|simulated| explained_on(&trial.signals.control, simulated, &lines));
+    Ok(SimulatedVaf { output, control, output_in_band, control_in_band, control_unavailable })
+}
+
+/// The lines of the whole record's grid within a band, its edges to half a line, 0 Hz excepted.
+fn lines_within([low, high]: [f64; 2], trial: &Trial) -> std::ops::Range<usize> {
+    let step = std::f64::consts::TAU / (trial.samples() as f64 * trial.sample_time_s);
+    let last = trial.samples() / 2;
+    let line = |omega: f64| (omega / step).round().clamp(0.0, last as f64) as usize;
+    line(low).max(1)..line(high) + 1
+}
+
+/// The share explained of what is on some lines.
+fn explained_on(recorded: &[f64], simulated: &[f64], lines: &std::ops::Range<usize>) -> Option<f64> {
+    let missed: Vec<f64> = recorded.iter().zip(simulated).map(|(x, y)| x - y).collect();
+    if missed.iter().any(|x| !x.is_finite()) || lines.is_empty() {
+        return None;
+    }
+    let [recorded, missed] = RealTransform::new(missed.len()).pair(recorded, &missed);
+    let power = |grid: &[Complex64]| grid.get(lines.clone()).map(|own| own.iter().map(|x| x.norm_sqr()).sum::<f64>());
+    let (all, left) = (power(&recorded)?, power(&missed)?);
+    let share = 1.0 - left / all;
+    (all > 0.0 && share.is_finite()).then_some(share)
 }
 
 fn continuous(
@@ -139,9 +173,22 @@ mod tests {
         let disturbance: Vec<f64> = (0..200).map(|i| (0.37 * f64::from(i)).cos()).collect();
         for disturbance in [None, Some(disturbance)] {
             let (trial, [g, ff, fb]) = recorded(disturbance);
-            let vaf = simulated_vaf(&trial, &g, &ff, &fb).unwrap();
+            let vaf = simulated_vaf(&trial, &g, &ff, &fb, [0.1, 30.0]).unwrap();
             assert!((vaf.output - 1.0).abs() < 1e-12 && (vaf.control.unwrap() - 1.0).abs() < 1e-12, "{vaf:?}");
         }
+    }
+
+    #[test]
+    fn what_is_above_the_band_does_not_count_within_it() {
+        let slow: Vec<f64> = (0..400).map(|i| (std::f64::consts::TAU * 5.0 * f64::from(i) / 400.0).sin()).collect();
+        let wild: Vec<f64> = slow
+            .iter()
+            .enumerate()
+            .map(|(i, x)| 0.5 * x + 20.0 * (std::f64::consts::TAU * 90.0 * i as f64 / 400.0).cos())
+            .collect();
+        assert!((explained_on(&slow, &wild, &(1..21)).unwrap() - 0.75).abs() < 1e-12);
+        assert!(explained(&slow, &wild).unwrap() < -100.0);
+        assert_eq!(explained_on(&slow, &wild, &(30..40)), None);
     }
 
     #[test]
@@ -156,12 +203,12 @@ mod tests {
     fn what_cannot_be_simulated_is_said() {
         let (trial, [g, ff, fb]) = recorded(None);
         let continuous = System::Continuous(TransferFunction::new(&[1.0], &[1.0, 1.0], Continuous).unwrap());
-        assert_eq!(simulated_vaf(&trial, &continuous, &ff, &fb), Err(ValidationError::MixedTimeBases));
+        assert_eq!(simulated_vaf(&trial, &continuous, &ff, &fb, [0.1, 1.0]), Err(ValidationError::MixedTimeBases));
         let slow = |system: &System| {
             let (num, den) = (system.num().coefficients(), system.den().coefficients());
             System::Discrete(TransferFunction::new(num, den, Discrete::new(0.2).unwrap()).unwrap())
         };
-        let error = simulated_vaf(&trial, &slow(&g), &slow(&ff), &slow(&fb)).unwrap_err();
+        let error = simulated_vaf(&trial, &slow(&g), &slow(&ff), &slow(&fb), [0.1, 1.0]).unwrap_err();
         assert_eq!(error, ValidationError::SampleTime { model_s: 0.2, trial_s: 0.1 });
     }
 }

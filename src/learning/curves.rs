@@ -278,7 +278,9 @@ impl CurvePoint {
             Metric::NormFeedback => self.norm_feedback,
             Metric::NormFeedforwardMinusInverse => self.norm_feedforward_minus_inverse,
             Metric::NormFeedforwardPlantMinusOne => self.norm_feedforward_plant_minus_one,
-            Metric::VarianceAccountedFor => self.variance_accounted_for,
+            // A simulation that explains nothing has no share to average: how far below 0 it is says how fast it runs
+            // away.
+            Metric::VarianceAccountedFor => self.variance_accounted_for.filter(|share| *share >= 0.0),
         }
     }
 }

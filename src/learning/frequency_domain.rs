@@ -86,6 +86,20 @@ pub fn controller_metrics(
     feedback: &System,
     band_rad_s: (f64, f64),
 ) -> Result<ControllerMetrics, MetricsError> {
+    controller_metrics_delayed(plant, 0.0, feedforward, feedback, band_rad_s)
+}
+
+/// [`controller_metrics`] on the plant with a delay behind it, `G e^{−jω delay_s}`.
+///
+/// # Errors
+/// [`MetricsError`].
+pub fn controller_metrics_delayed(
+    plant: &System,
+    delay_s: f64,
+    feedforward: &System,
+    feedback: &System,
+    band_rad_s: (f64, f64),
+) -> Result<ControllerMetrics, MetricsError> {
     let expected = plant.sample_time_s();
     for (part, system) in [("feedforward", feedforward), ("feedback", feedback)] {
         let found = system.sample_time_s();
@@ -106,7 +120,10 @@ pub fn controller_metrics(
         }
     }
     controller_metrics_of(
-        |omega| fraction(plant, omega),
+        |omega| {
+            let (num, den) = fraction(plant, omega);
+            (num * Complex64::from_polar(1.0, -omega * delay_s), den)
+        },
         |omega| quotient(fraction(feedforward, omega)),
         |omega| quotient(fraction(feedback, omega)),
         band_rad_s,

@@ -47,8 +47,13 @@ pub struct MetricStatistics {
     pub norm_feedforward_minus_inverse: Statistics,
     /// Of ‖Gff G − 1‖.
     pub norm_feedforward_plant_minus_one: Statistics,
-    /// Of the variance accounted for.
+    /// Of the variance accounted for, of those trials whose simulation explains any of it; the others are counted in
+    /// `variance_not_explained`.
     pub variance_accounted_for: Statistics,
+    /// How many simulations are worse than the mean of the signal (a negative share, which has no lower end), and of
+    /// how many that can be said.
+    #[serde(default)]
+    pub variance_not_explained: Count,
 }
 
 /// A group at one trial number.
@@ -316,6 +321,10 @@ fn metric_statistics(points: &[&CurvePoint], trim: usize) -> MetricStatistics {
         norm_feedforward_minus_inverse: of(Metric::NormFeedforwardMinusInverse),
         norm_feedforward_plant_minus_one: of(Metric::NormFeedforwardPlantMinusOne),
         variance_accounted_for: of(Metric::VarianceAccountedFor),
+        variance_not_explained: points
+            .iter()
+            .filter_map(|p| p.variance_accounted_for)
+            .fold(Count::default(), |c, share| Count { count: c.count + usize::from(share < 0.0), of: c.of + 1 }),
     }
 }
 

@@ -12,6 +12,7 @@ pub mod frequency_domain;
 pub mod groups;
 pub mod inputs;
 mod quadrature;
+pub mod recording;
 pub mod time_domain;
 pub mod trend;
 

@@ -45,6 +45,27 @@ pub enum FrequencyError {
         /// The sample time.
         sample_time_s: f64,
     },
+    /// Lines that the window does not tell apart.
+    #[error(
+        "the lines {below_hz} Hz and {frequency_hz} Hz are nearer than {least_hz} Hz, which is what a segment of \
+         {length_s} s with this window tells apart: each would be made of both"
+    )]
+    LinesTooClose {
+        /// Position of the upper line.
+        line: usize,
+        /// Whether the lines were named in the settings.
+        named: bool,
+        /// The lower line.
+        below_hz: f64,
+        /// The upper line.
+        frequency_hz: f64,
+        /// The least distance.
+        least_hz: f64,
+        /// Length of the shortest segment.
+        length_s: f64,
+        /// Whether another window would tell them apart.
+        windowed: bool,
+    },
     /// A segment that the record does not hold.
     #[error(
         "segment {} runs from {start_s} s to {end_s} s, and the record of trial {} ends at {record_s} s",

@@ -1,13 +1,15 @@
 //! The estimate: segments transformed at the lines, and averaged.
 
-use super::FrequencyData;
 use super::error::{FrequencyError, other};
-use super::excited::{excited_lines, strongest};
+use super::excited::strongest;
+use super::grids::Grids;
+use super::removal::Local;
 use super::segments::{self, Segment};
-use super::settings::{Channels, CheckedSettings, EndSample, FrequencySettings, Response, Stimulus};
+use super::settings::{Channels, CheckedSettings, EndSample, FrequencySettings, Response, Stimulus, Window};
 use super::spectrum::{direct_transform, grid_transform, line_power, prepare};
 use super::variance::{average, coherence, dark_lines, noise_power};
-use super::warnings::{EstimateWarning, is_periodic};
+use super::warnings::EstimateWarning;
+use super::{FrequencyData, lines};
 use crate::ctl::Ctl;
 use crate::trial::Trial;
 use num_complex::Complex64;
@@ -23,7 +25,11 @@ const SAMPLE_TIME_TOLERANCE: f64 = 1e-6;
 pub(super) const GRID_TOLERANCE: f64 = 1e-3;
 
 /// An amplitude below this fraction of the signal's largest value is the rounding of the transform, not a signal.
-const ZERO_AMPLITUDE: f64 = 1e-10;
+pub(super) const ZERO_AMPLITUDE: f64 = 1e-10;
+
+/// A line is usable if its error is at most this share of its response, or of the median response where its own is
+/// smaller.
+const USABLE: f64 = 0.2;
 
 /// A segment that went into an estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,6 +42,9 @@ pub struct UsedSegment {
     pub length_s: f64,
     /// The samples that were summed.
     pub samples: usize,
+    /// The slope that was taken off the output, in its units a second; `None` where none stood above the noise or none
+    /// was to be taken off.
+    pub slope_per_s: Option<f64>,
 }
 
 /// Where variances come from.
@@ -45,6 +54,8 @@ pub enum VarianceSource {
     Repetition,
     /// The output's power on nearby lines without a stimulus.
     NearbyLines,
+    /// The mean square error of the local polynomials.
+    LocalPolynomial,
 }
 
 /// A closed-loop frequency response with all that belongs to it; arrays are equally long, in increasing frequency.
@@ -64,10 +75,20 @@ pub struct Estimate {
     pub input_power: Vec<f64>,
     /// The same of the segment in which it is weakest.
     pub input_power_minimum: Vec<f64>,
-    /// `|Σ R̄Y|²/(Σ|R|² Σ|Y|²)` over segments; `None` of a single one.
+    /// What transients, slopes and a window leave in the response, root mean square; 0 where nothing stands above the
+    /// noise, `None` where it cannot be told.
+    pub leakage: Vec<Option<f64>>,
+    /// Whether the error of the line is at most a fifth of its response (or of the median response, where that is
+    /// larger), as far as it is known.
+    pub usable: Vec<bool>,
+    /// `|Σ R̄Y|²/(Σ|R|² Σ|Y|²)` over segments, times `|h|²/(|h|² + leakage²)`; `None` of a single one.
     pub coherence: Vec<Option<f64>>,
     /// Segments averaged on each line.
     pub averages: Vec<usize>,
+    /// Real degrees of freedom of the variances of local polynomials, the fewest; `None` of others.
+    pub degrees_of_freedom: Option<f64>,
+    /// Whether transients were removed.
+    pub transients_removed: bool,
     /// The segments.
     pub segments: Vec<UsedSegment>,
     /// Step of the grid of the shortest segment, in Hz.
@@ -79,10 +100,13 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// The data as identification takes them; lines without a response are left out (a warning names them).
+    /// The data as identification takes them; lines without a response are left out, and so are lines that are not
+    /// usable where local polynomials tell which (warnings name them).
     #[must_use]
     pub fn data(&self) -> FrequencyData {
-        let known: Vec<usize> = (0..self.h.len()).filter(|i| self.h[*i].is_some()).collect();
+        let chooses = self.variance_source == Some(VarianceSource::LocalPolynomial) && self.usable.contains(&true);
+        let known: Vec<usize> =
+            (0..self.h.len()).filter(|i| self.h[*i].is_some() && (self.usable[*i] || !chooses)).collect();
         FrequencyData {
             omega_rad_s: known.iter().map(|i| self.omega_rad_s[*i]).collect(),
             h: known.iter().filter_map(|i| self.h[*i]).collect(),
@@ -110,29 +134,20 @@ pub fn estimate_between(
     ctl: &Ctl,
 ) -> Result<Estimate, FrequencyError> {
     let job = Job::new(trials, settings, channels)?;
+    let grids = job.grids(ctl)?;
     let frequency_hz = match &settings.frequency_hz {
         Some(named) => named.clone(),
-        None => job.excited(ctl)?,
+        None => job.excited(&grids)?,
     };
-    for trial in trials {
-        let nyquist_hz = 0.5 / trial.sample_time_s;
-        // A line printed as half a rounded sampling rate is the Nyquist line.
-        let above = frequency_hz.iter().position(|line| *line >= nyquist_hz * (1.0 - 1e-9));
-        if let Some(line) = above {
-            return Err(FrequencyError::LineAboveNyquist {
-                line,
-                frequency_hz: frequency_hz[line],
-                nyquist_hz,
-                sample_time_s: trial.sample_time_s,
-            });
-        }
-    }
+    let segments: Vec<(usize, Segment)> = job.pieces.iter().map(|piece| (piece.trial, piece.segment)).collect();
+    lines::check(&frequency_hz, trials, &segments, settings)?;
     ctl.set_total(job.pieces.len() as u64);
     let transformed: Vec<Transformed> = job
         .pieces
         .par_iter()
-        .map(|piece| {
-            let transformed = job.transform(piece, &frequency_hz, ctl)?;
+        .zip(&grids)
+        .map(|(piece, grids)| {
+            let transformed = job.transform(piece, grids, &frequency_hz, ctl)?;
             ctl.advance(1);
             Ok(transformed)
         })
@@ -145,7 +160,30 @@ pub fn estimate_between(
             return Err(job.no_power(trial));
         }
     }
-    Ok(job.assemble(frequency_hz, &transformed))
+    let local = job.local(&grids, &frequency_hz, ctl)?;
+    let removal = if !job.removes_transients() {
+        Removal::None
+    } else if !job.is_periodic(&frequency_hz) {
+        if local.iter().any(Option::is_some) { Removal::Local } else { Removal::None }
+    } else if job.transients_stand_out(&grids, &frequency_hz, &local) {
+        Removal::Corrected
+    } else {
+        Removal::Nothing
+    };
+    Ok(job.assemble(frequency_hz, &transformed, &grids, &local, removal))
+}
+
+/// What becomes of transients.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Removal {
+    /// They are kept.
+    None,
+    /// The segments are whole periods, and nothing stands above the noise.
+    Nothing,
+    /// The segments are whole periods, and their transients are taken off.
+    Corrected,
+    /// The response is that of the local polynomials.
+    Local,
 }
 
 /// A segment of a trial.
@@ -163,7 +201,6 @@ pub(super) struct Transformed {
     pub strongest: f64,
     /// Lines on which the other stimulus has power too.
     pub shared: Vec<bool>,
-    pub periodic: bool,
     /// `S/|R|²` at the lines, for a single segment.
     nearby_variance: Vec<Option<f64>>,
 }
@@ -196,7 +233,7 @@ impl<'a> Job<'a> {
         Ok(job)
     }
 
-    fn stimulus(&self, trial: usize, stimulus: Stimulus) -> Option<&'a [f64]> {
+    pub(super) fn stimulus(&self, trial: usize, stimulus: Stimulus) -> Option<&'a [f64]> {
         match stimulus {
             Stimulus::Command => Some(&self.trials[trial].signals.command),
             Stimulus::Disturbance => self.trials[trial].signals.disturbance.as_deref(),
@@ -204,11 +241,11 @@ impl<'a> Job<'a> {
     }
 
     /// The input's column, which `new` made sure of.
-    fn input(&self, trial: usize) -> &'a [f64] {
+    pub(super) fn input(&self, trial: usize) -> &'a [f64] {
         self.stimulus(trial, self.channels.input).unwrap_or_default()
     }
 
-    fn output(&self, trial: usize) -> Cow<'a, [f64]> {
+    pub(super) fn output(&self, trial: usize) -> Cow<'a, [f64]> {
         let trial = self.trials[trial];
         match self.channels.output {
             Response::Output => Cow::Borrowed(&trial.signals.output),
@@ -219,7 +256,7 @@ impl<'a> Job<'a> {
 
     fn cut(&self, column: &[f64], segment: &Segment) -> Vec<f64> {
         let settings = self.settings.settings();
-        prepare(&column[segment.start..segment.start + segment.samples], settings.detrend, settings.window)
+        prepare(&column[segment.start..segment.start + segment.samples], self.settings.detrend, settings.window)
     }
 
     fn window_sum(&self, samples: usize) -> f64 {
@@ -227,100 +264,63 @@ impl<'a> Job<'a> {
         (0..samples).map(|i| window.value(i, samples)).sum()
     }
 
-    /// Power of a column on the grid of a segment.
-    fn grid_power(&self, column: &[f64], segment: &Segment) -> Vec<f64> {
-        let sum = self.window_sum(segment.samples);
-        let grid = grid_transform(&self.cut(column, segment));
-        grid.iter().enumerate().map(|(k, x)| line_power(*x, sum, k == 0)).collect()
-    }
-
-    fn no_power(&self, trial: usize) -> FrequencyError {
+    pub(super) fn no_power(&self, trial: usize) -> FrequencyError {
         let input = self.channels.input;
         let moves = |column: &[f64]| column.iter().any(|x| *x != column[0]);
         let other_has_power = self.stimulus(trial, other(input)).is_some_and(moves);
         FrequencyError::NoPower { trial, input, other_has_power }
     }
 
-    /// The excited lines of the common grid, in Hz.
-    fn excited(&self, ctl: &Ctl) -> Result<Vec<f64>, FrequencyError> {
-        let first = self.pieces[0].segment;
-        if let Some(piece) = self.pieces.iter().find(|piece| piece.segment.samples != first.samples) {
-            return Err(FrequencyError::UnequalSegments {
-                trial: piece.trial,
-                segment: piece.segment.number,
-                samples: piece.segment.samples,
-                first: first.samples,
-            });
-        }
-        let mut mean = vec![0.0; first.samples / 2 + 1];
-        let mut has_power = vec![false; self.trials.len()];
-        for piece in &self.pieces {
-            ctl.check()?;
-            let column = self.input(piece.trial);
-            let power = self.grid_power(column, &piece.segment);
-            let floor = 2.0 * (ZERO_AMPLITUDE * largest(column, &piece.segment)).powi(2);
-            has_power[piece.trial] |= strongest(&power) > floor;
-            for (sum, power) in mean.iter_mut().zip(&power) {
-                *sum += power / self.pieces.len() as f64;
-            }
-        }
-        if let Some(trial) = has_power.iter().position(|has| !has) {
-            return Err(self.no_power(trial));
-        }
-        let settings = self.settings.settings();
-        let step_hz = 1.0 / (first.samples as f64 * self.trials[0].sample_time_s);
-        let [low, high] = settings.band_hz.unwrap_or([0.0, f64::INFINITY]);
-        // Band edges are meant to hold the lines that they name.
-        let slack = GRID_TOLERANCE * step_hz;
-        let lines: Vec<f64> = excited_lines(&mean, first.samples, settings)
-            .into_iter()
-            .map(|k| k as f64 * step_hz)
-            .filter(|f| *f >= low - slack && *f <= high + slack)
-            .collect();
-        if lines.is_empty() {
-            return Err(FrequencyError::NothingExcited { input: self.channels.input, band_hz: settings.band_hz });
-        }
-        Ok(lines)
-    }
-
-    fn transform(&self, piece: &Piece, frequency_hz: &[f64], ctl: &Ctl) -> Result<Transformed, FrequencyError> {
+    fn transform(
+        &self,
+        piece: &Piece,
+        grids: &Grids,
+        frequency_hz: &[f64],
+        ctl: &Ctl,
+    ) -> Result<Transformed, FrequencyError> {
         let segment = &piece.segment;
         let dt = self.trials[piece.trial].sample_time_s;
+        let length_s = segment.period as f64 * dt;
         let column = self.input(piece.trial);
-        let other = self.stimulus(piece.trial, other(self.channels.input));
-        let input = self.cut(column, segment);
-        let output = self.cut(&self.output(piece.trial), segment);
-        let beside = other.map(|other| self.cut(other, segment)).unwrap_or_default();
+        // On their own grid, without a window, the segments are transformed already.
+        let on_own_grid = self.settings.end_sample == EndSample::Excluded
+            && self.settings.settings().window == Window::Rectangular
+            && self.removes_transients();
         let window_sum = self.window_sum(segment.samples);
         let zero = ZERO_AMPLITUDE * window_sum * largest(column, segment);
-        let power = self.grid_power(column, segment);
-        let beside_power = other.map(|other| self.grid_power(other, segment)).unwrap_or_default();
-        let threshold = self.settings.settings().power_threshold * strongest(&beside_power);
+        let threshold = self.settings.settings().power_threshold * strongest(&grids.other_power);
 
+        let cut = || {
+            let other = self.stimulus(piece.trial, other(self.channels.input));
+            let other = other.filter(|_| threshold > 0.0).map(|other| self.cut(other, segment)).unwrap_or_default();
+            [self.cut(column, segment), self.cut(&self.output(piece.trial), segment), other]
+        };
+        let mut columns: Option<[Vec<f64>; 3]> = None;
         let mut pairs = Vec::with_capacity(frequency_hz.len());
         let mut line_powers = Vec::with_capacity(frequency_hz.len());
         let mut shared = Vec::with_capacity(frequency_hz.len());
         for frequency in frequency_hz {
             ctl.check()?;
-            let x = direct_transform(&[&input, &output, &beside], frequency * dt);
-            pairs.push((x[0].norm() > zero).then_some((x[0], x[1])));
-            line_powers.push(line_power(x[0], window_sum, *frequency == 0.0));
-            shared.push(threshold > 0.0 && line_power(x[2], window_sum, *frequency == 0.0) >= threshold);
+            let at_zero = *frequency == 0.0;
+            let known = on_grid(*frequency, length_s).filter(|_| on_own_grid);
+            let (r, y, other_power) = if let Some(k) = known {
+                let other_power = grids.other_power.get(k).copied().unwrap_or(0.0);
+                (grids.input[k], grids.output[k], other_power)
+            } else {
+                let [input, output, other] = columns.get_or_insert_with(cut);
+                let x = direct_transform(&[input, output, other], frequency * dt);
+                (x[0], x[1], line_power(x[2], window_sum, at_zero))
+            };
+            pairs.push((r.norm() > zero).then_some((r, y)));
+            line_powers.push(line_power(r, window_sum, at_zero));
+            shared.push(threshold > 0.0 && other_power >= threshold);
         }
         let nearby_variance = if self.pieces.len() == 1 {
-            let stimuli = if beside_power.is_empty() { vec![power.clone()] } else { vec![power.clone(), beside_power] };
-            self.nearby_variance(segment, dt, frequency_hz, &pairs, &output, &stimuli)
+            self.nearby_variance(segment, dt, frequency_hz, &pairs, grids)
         } else {
-            Vec::new()
+            vec![]
         };
-        Ok(Transformed {
-            pairs,
-            power: line_powers,
-            strongest: strongest(&power),
-            shared,
-            periodic: is_periodic(column, segment),
-            nearby_variance,
-        })
+        Ok(Transformed { pairs, power: line_powers, strongest: strongest(&grids.power), shared, nearby_variance })
     }
 
     fn nearby_variance(
@@ -329,60 +329,76 @@ impl<'a> Job<'a> {
         dt: f64,
         frequency_hz: &[f64],
         pairs: &[Option<(Complex64, Complex64)>],
-        output: &[f64],
-        stimuli_power: &[Vec<f64>],
+        grids: &Grids,
     ) -> Vec<Option<f64>> {
+        let settings = self.settings.settings();
         if self.settings.end_sample == EndSample::Included {
             return vec![None; frequency_hz.len()];
         }
-        let dark = dark_lines(stimuli_power, self.settings.settings().window);
-        let grid = grid_transform(output);
+        let window = settings.window;
+        let stimuli: Vec<Vec<f64>> =
+            [&grids.power, &grids.other_power].into_iter().filter(|p| !p.is_empty()).cloned().collect();
+        let dark = dark_lines(&stimuli, window);
+        let windowed: Vec<Complex64>;
+        let grid = if self.removes_transients() {
+            &grids.output
+        } else {
+            windowed = grid_transform(&self.cut(&self.output(self.pieces[0].trial), segment));
+            &windowed
+        };
         let at = |(frequency, pair): (&f64, &Option<(Complex64, Complex64)>)| {
             let (r, _) = pair.as_ref()?;
             let line = on_grid(*frequency, segment.period as f64 * dt)?;
-            Some(noise_power(&grid, &dark, line)? / r.norm_sqr())
+            Some(noise_power(grid, &dark, line)? / r.norm_sqr())
         };
         frequency_hz.iter().zip(pairs).map(at).collect()
     }
 
-    fn assemble(&self, frequency_hz: Vec<f64>, transformed: &[Transformed]) -> Estimate {
-        let how = self.settings.settings().average;
-        let lines = frequency_hz.len();
+    fn assemble(
+        &self,
+        frequency_hz: Vec<f64>,
+        transformed: &[Transformed],
+        grids: &[Grids],
+        local: &[Option<Local>],
+        removal: Removal,
+    ) -> Estimate {
         let count = transformed.len() as f64;
-        let mut h = Vec::with_capacity(lines);
-        let mut variance = Vec::with_capacity(lines);
-        let mut coherences = Vec::with_capacity(lines);
-        let mut averages = Vec::with_capacity(lines);
-        let mut input_power = Vec::with_capacity(lines);
-        let mut input_power_minimum = Vec::with_capacity(lines);
-        for line in 0..lines {
-            let pairs: Vec<(Complex64, Complex64)> = transformed.iter().filter_map(|t| t.pairs[line]).collect();
-            let averaged = average(&pairs, how);
-            let nearby = transformed[0].nearby_variance.get(line).copied().flatten();
-            h.push(averaged.map(|(h, _)| h));
-            variance.push(averaged.and_then(|(_, variance)| variance.or(nearby)));
-            coherences.push(coherence(&pairs));
-            averages.push(pairs.len());
-            input_power.push(transformed.iter().map(|t| t.power[line]).sum::<f64>() / count);
-            input_power_minimum.push(transformed.iter().map(|t| t.power[line]).fold(f64::INFINITY, f64::min));
-        }
-        let source = if transformed.len() >= 2 { VarianceSource::Repetition } else { VarianceSource::NearbyLines };
         let shortest = self
             .pieces
             .iter()
             .map(|piece| piece.segment.period as f64 * self.trials[piece.trial].sample_time_s)
             .fold(f64::INFINITY, f64::min);
+        let found: Vec<Line> =
+            (0..frequency_hz.len()).map(|line| self.line(line, transformed, local[line].as_ref(), removal)).collect();
+        let h: Vec<Option<Complex64>> = found.iter().map(|line| line.h).collect();
+        let variance: Vec<Option<f64>> = found.iter().map(|line| line.variance).collect();
+        let leakage: Vec<Option<f64>> = found.iter().map(|line| line.leakage).collect();
+        let source = match removal {
+            Removal::Local => VarianceSource::LocalPolynomial,
+            _ if transformed.len() >= 2 => VarianceSource::Repetition,
+            Removal::Corrected => VarianceSource::LocalPolynomial,
+            _ => VarianceSource::NearbyLines,
+        };
+        let freedom = local.iter().flatten().map(|line| line.degrees_of_freedom).reduce(f64::min);
         let mut estimate = Estimate {
             omega_rad_s: frequency_hz.iter().map(|f| 2.0 * PI * f).collect(),
+            usable: usable(&h, &variance, &leakage),
+            variance_source: variance.iter().any(Option::is_some).then_some(source),
+            input_power: (0..frequency_hz.len())
+                .map(|line| transformed.iter().map(|t| t.power[line]).sum::<f64>() / count)
+                .collect(),
+            input_power_minimum: (0..frequency_hz.len())
+                .map(|line| transformed.iter().map(|t| t.power[line]).fold(f64::INFINITY, f64::min))
+                .collect(),
             frequency_hz,
             h,
-            variance_source: variance.iter().any(Option::is_some).then_some(source),
             variance,
-            input_power,
-            input_power_minimum,
-            coherence: coherences,
-            averages,
-            segments: self.pieces.iter().map(|piece| self.used(piece)).collect(),
+            leakage,
+            coherence: found.iter().map(|line| line.coherence).collect(),
+            averages: found.iter().map(|line| line.averages).collect(),
+            degrees_of_freedom: freedom.filter(|_| source == VarianceSource::LocalPolynomial),
+            transients_removed: matches!(removal, Removal::Corrected | Removal::Local),
+            segments: self.pieces.iter().zip(grids).map(|(piece, grids)| self.used(piece, grids)).collect(),
             resolution_hz: 1.0 / shortest,
             noise_bandwidth_hz: self.settings.settings().window.noise_bandwidth_lines() / shortest,
             warnings: Vec::new(),
@@ -391,15 +407,77 @@ impl<'a> Job<'a> {
         estimate
     }
 
-    fn used(&self, piece: &Piece) -> UsedSegment {
+    fn line(&self, line: usize, transformed: &[Transformed], local: Option<&Local>, removal: Removal) -> Line {
+        let taken_off = matches!(removal, Removal::Corrected | Removal::Local);
+        let pairs: Vec<(Complex64, Complex64)> = transformed
+            .iter()
+            .enumerate()
+            .filter_map(|(i, t)| {
+                let (r, y) = t.pairs[line]?;
+                let transient = local.filter(|_| taken_off).and_then(|l| l.transients[i]).unwrap_or_default();
+                Some((r, y - transient))
+            })
+            .collect();
+        let averaged = average(&pairs, self.settings.settings().average);
+        let nearby = transformed[0].nearby_variance.get(line).copied().flatten();
+        let (h, variance) = match (removal, averaged, local) {
+            (_, None, _) => (None, None),
+            (Removal::Local, Some(_), Some(local)) => (Some(local.h), Some(local.mean_square_error)),
+            (Removal::Corrected, Some((h, variance)), Some(local)) => {
+                (Some(h), variance.or(Some(local.mean_square_error)))
+            }
+            (_, Some((h, variance)), _) => (Some(h), variance.or(nearby)),
+        };
+        let leakage = match (removal, h, local) {
+            (Removal::Nothing, Some(_), _) => Some(0.0),
+            (Removal::Local | Removal::Corrected, Some(_), Some(local)) => Some(local.leakage),
+            // What differs from the local polynomials, beyond what noise makes of both.
+            (Removal::None, Some(h), Some(local)) => {
+                let noise = local.ratio_variance + local.mean_square_error;
+                let difference = (h - local.h).norm_sqr();
+                Some(if difference > noise { (difference - noise).sqrt() } else { 0.0 })
+            }
+            _ => None,
+        };
+        let kept = match (h, leakage) {
+            (Some(h), Some(leakage)) if h.norm_sqr() > 0.0 => h.norm_sqr() / (h.norm_sqr() + leakage * leakage),
+            _ => 1.0,
+        };
+        let coherence = coherence(&pairs).map(|share| share * kept);
+        Line { h, variance, leakage, coherence, averages: pairs.len() }
+    }
+
+    fn used(&self, piece: &Piece, grids: &Grids) -> UsedSegment {
         let dt = self.trials[piece.trial].sample_time_s;
         UsedSegment {
             trial: piece.trial,
             start_s: piece.segment.start as f64 * dt,
             length_s: piece.segment.period as f64 * dt,
             samples: piece.segment.samples,
+            slope_per_s: grids.slope.map(|slope| slope / dt).filter(|_| self.removes_transients()),
         }
     }
+}
+
+/// What is found at a line.
+struct Line {
+    h: Option<Complex64>,
+    variance: Option<f64>,
+    leakage: Option<f64>,
+    coherence: Option<f64>,
+    averages: usize,
+}
+
+fn usable(h: &[Option<Complex64>], variance: &[Option<f64>], leakage: &[Option<f64>]) -> Vec<bool> {
+    let mut sizes: Vec<f64> = h.iter().flatten().map(|h| h.norm()).collect();
+    sizes.sort_by(f64::total_cmp);
+    let typical = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
+    let is_usable = |i: usize| {
+        let Some(h) = h[i] else { return false };
+        let error = variance[i].unwrap_or(0.0) + leakage[i].unwrap_or(0.0).powi(2);
+        error.sqrt() <= USABLE * h.norm().max(typical)
+    };
+    (0..h.len()).map(is_usable).collect()
 }
 
 /// The grid line that a frequency is, if it is one.
@@ -408,6 +486,6 @@ pub(super) fn on_grid(frequency_hz: f64, length_s: f64) -> Option<usize> {
     ((cycles - cycles.round()).abs() <= GRID_TOLERANCE).then_some(cycles.round() as usize)
 }
 
-fn largest(column: &[f64], segment: &Segment) -> f64 {
+pub(super) fn largest(column: &[f64], segment: &Segment) -> f64 {
     column[segment.start..segment.start + segment.samples].iter().fold(0.0, |most, x| most.max(x.abs()))
 }

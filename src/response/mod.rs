@@ -13,7 +13,15 @@
 //! - cross spectra, `n ≥ 2`: `Σ |Yₛ − H Rₛ|² / ((n − 1) Σ |Rₛ|²)`,
 //! - `n = 1`: `S/|R|²` with `S` the mean of `|Y|²` over nearby lines of the segment's grid on which no stimulus has
 //!   power,
+//! - where transients are removed from segments that are no whole periods: the mean square error of the local
+//!   polynomials ([`local_polynomial`]), of any number of segments,
 //! - otherwise unknown, with the reason.
+//!
+//! ## Transients, drifts, windows
+//! `Y/R` is the response only in a periodic steady state of whole periods. Otherwise what the loop remembers at the
+//! segment's ends adds a transient to every line, an offset or a slope leaks, and a window spreads every line over its
+//! neighbours. By default the transient and the output's slope are estimated beside the response and removed. Where
+//! they are kept (the presets, windows) the same estimate says for every line how much they are: [`Estimate::leakage`].
 //!
 //! ## End samples
 //! A segment from `a` to `b` seconds (counted from the first sample) begins at sample `round(a/T)` and has `N =
@@ -22,9 +30,14 @@
 //! the presets follow that. For his commands, which are not periodic, the two differ by less than 1 % of `H` (on a
 //! linear loop and the 60-s chirp: mean error 0.026 excluded, 0.023 included, both from leakage).
 
+mod drift;
 mod error;
 mod estimate;
 mod excited;
+mod grids;
+mod lines;
+mod local_polynomial;
+mod removal;
 mod repeats;
 mod segments;
 mod settings;
@@ -38,7 +51,7 @@ pub use estimate::{Estimate, UsedSegment, VarianceSource, estimate, estimate_bet
 pub use repeats::{Fold, MOST_FOLDS, RepeatKind, Repeats, repeats};
 pub use settings::{
     Average, Bounds, Channels, CheckedSettings, CountSegments, Detrend, EndSample, FrequencySettings, LengthSegments,
-    Lines, Response, Segments, SettingsError, Stimulus, Window,
+    Lines, Response, Segments, SettingsError, Stimulus, Transients, Window,
 };
 pub use spectrum::direct_transform;
 pub use warnings::EstimateWarning;

@@ -24,7 +24,7 @@ pub enum Lines {
     /// Zhang (2015), section 5.6.1: 0, 1/60, … 0.5 Hz (31 lines) from one segment of 60 s.
     #[serde(rename = "zhang2015_chapter_5")]
     Zhang2015Chapter5,
-    /// These frequencies in Hz, in increasing order.
+    /// These frequencies in Hz; they are sorted.
     FrequencyHz(Vec<f64>),
 }
 
@@ -73,17 +73,31 @@ pub struct LengthSegments {
     pub start_s: f64,
 }
 
-/// What is taken off every segment of every channel before it is transformed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
+/// What is taken off every segment before it is transformed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Detrend {
     /// Nothing.
-    #[default]
     None,
-    /// The mean of the segment.
+    /// The mean of the segment, of every channel.
     Mean,
-    /// The straight line that fits the segment best (least squares).
-    Linear,
+    /// The mean, and the output's slope. Where transients are removed it is estimated beside the response, so that it
+    /// takes nothing of the stimulus' own sinusoids, and taken off if it is 4 standard errors from zero. Where they are
+    /// kept it is the straight line that fits the segment best (least squares), of every channel.
+    #[serde(alias = "linear")]
+    Line,
+}
+
+/// What becomes of transients: of what a segment's start and end, where the record is not in a periodic steady state,
+/// add to every line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Transients {
+    /// They are estimated with the response, by local polynomials on the lines of the grid, and removed: from segments
+    /// that are whole periods of the stimulus if they stand above the noise, from others always.
+    Remove,
+    /// They stay in the response, and `leakage` says how much they are.
+    Keep,
 }
 
 /// The window of a segment of `N` samples, in its periodic form.
@@ -166,11 +180,14 @@ pub struct FrequencySettings {
     /// The segments: `[{"start_s", "end_s"}, ..]`, `{"count": 2}` or `{"length_s": 20, "start_s": 5}`.
     /// Default: those of the preset; for other lines one segment with all samples of the record.
     pub segments: Option<Segments>,
-    /// What is taken off every segment. Default: nothing.
-    pub detrend: Detrend,
+    /// What is taken off every segment. Default: `line`; nothing for the presets and where the line 0 Hz is named.
+    pub detrend: Option<Detrend>,
+    /// What becomes of transients. Default: `remove`; `keep` for the presets and with a window.
+    pub transients: Option<Transients>,
     /// The window. Default: rectangular.
     pub window: Window,
-    /// How segments are averaged. Default: ratios.
+    /// How segments are averaged; has no effect where transients are removed from segments that are no whole periods,
+    /// which are combined by least squares. Default: ratios.
     pub average: Average,
     /// Whether the end sample of a segment belongs to it. Default: included for the presets, excluded otherwise.
     pub end_sample: Option<EndSample>,
@@ -190,7 +207,8 @@ impl Default for FrequencySettings {
         Self {
             lines: Lines::default(),
             segments: None,
-            detrend: Detrend::default(),
+            detrend: None,
+            transients: None,
             window: Window::default(),
             average: Average::default(),
             end_sample: None,
@@ -254,6 +272,8 @@ pub struct CheckedSettings {
     settings: FrequencySettings,
     pub(super) segments: Segments,
     pub(super) end_sample: EndSample,
+    pub(super) detrend: Detrend,
+    pub(super) transients: Transients,
     /// `None` for the excited lines.
     pub(super) frequency_hz: Option<Vec<f64>>,
 }
@@ -287,13 +307,21 @@ impl FrequencySettings {
             // Divided, not multiplied by a rounded step, so that the last line is 0.4 Hz and not next to it.
             Lines::Zhang2015Chapter3 => Some((0..13).map(|k| f64::from(4 + k) / 40.0).collect()),
             Lines::Zhang2015Chapter5 => Some((0..31).map(|k| f64::from(k) / 60.0).collect()),
-            Lines::FrequencyHz(lines) => {
-                check_lines(lines)?;
-                Some(lines.clone())
-            }
+            Lines::FrequencyHz(lines) => Some(sorted_lines(lines)?),
         };
-        if self.detrend != Detrend::None && frequency_hz.as_ref().is_some_and(|lines: &Vec<f64>| lines.contains(&0.0)) {
+        let names_zero = frequency_hz.as_ref().is_some_and(|lines: &Vec<f64>| lines.contains(&0.0));
+        let detrend = self.detrend.unwrap_or(if preset || names_zero { Detrend::None } else { Detrend::Line });
+        if detrend != Detrend::None && names_zero {
             return Err(wrong("/detrend", "taking off the mean or a trend leaves nothing at the line 0 Hz"));
+        }
+        let is_windowed = self.window != Window::Rectangular;
+        let transients =
+            self.transients.unwrap_or(if preset || is_windowed { Transients::Keep } else { Transients::Remove });
+        if transients == Transients::Remove && is_windowed {
+            return Err(wrong(
+                "/transients",
+                "transients are removed from the lines of a rectangular window; leave the window out, or keep them",
+            ));
         }
         if let Some([low, high]) = self.band_hz {
             if frequency_hz.is_some() {
@@ -318,12 +346,24 @@ impl FrequencySettings {
         if !(self.floor_ratio >= 1.0 && self.floor_ratio.is_finite()) {
             return Err(wrong("/floor_ratio", format!("the ratio is {}, and must be 1 or more", self.floor_ratio)));
         }
-        let settings = Self { segments: Some(segments.clone()), end_sample: Some(end_sample), ..self.clone() };
-        Ok(CheckedSettings { settings, segments, end_sample, frequency_hz })
+        let lines = match (&self.lines, &frequency_hz) {
+            (Lines::FrequencyHz(_), Some(sorted)) => Lines::FrequencyHz(sorted.clone()),
+            (lines, _) => lines.clone(),
+        };
+        let settings = Self {
+            lines,
+            segments: Some(segments.clone()),
+            end_sample: Some(end_sample),
+            detrend: Some(detrend),
+            transients: Some(transients),
+            ..self.clone()
+        };
+        Ok(CheckedSettings { settings, segments, end_sample, detrend, transients, frequency_hz })
     }
 }
 
-fn check_lines(lines: &[f64]) -> Result<(), SettingsError> {
+/// The lines in increasing order; the same line twice is named.
+fn sorted_lines(lines: &[f64]) -> Result<Vec<f64>, SettingsError> {
     const FIELD: &str = "/lines/frequency_hz";
     if lines.is_empty() {
         return Err(wrong(FIELD, "there is no frequency"));
@@ -331,16 +371,19 @@ fn check_lines(lines: &[f64]) -> Result<(), SettingsError> {
     if lines.len() > MAX_LINES {
         return Err(wrong(FIELD, format!("there are {} frequencies, {MAX_LINES} at most", lines.len())));
     }
-    for (i, line) in lines.iter().enumerate() {
-        if !(line.is_finite() && *line >= 0.0) {
-            return Err(wrong(format!("{FIELD}/{i}"), format!("the frequency {line} Hz is none")));
-        }
-        if i > 0 && *line <= lines[i - 1] {
-            let reason = format!("frequencies must increase, and {line} Hz follows {} Hz", lines[i - 1]);
-            return Err(wrong(format!("{FIELD}/{i}"), reason));
-        }
+    if let Some(i) = lines.iter().position(|line| !(line.is_finite() && *line >= 0.0)) {
+        return Err(wrong(format!("{FIELD}/{i}"), format!("the frequency {} Hz is none", lines[i])));
     }
-    Ok(())
+    let mut order: Vec<usize> = (0..lines.len()).collect();
+    order.sort_by(|a, b| lines[*a].total_cmp(&lines[*b]));
+    if let Some(twins) = order.windows(2).find(|pair| lines[pair[0]] == lines[pair[1]]) {
+        let reason = format!(
+            "the frequency {} Hz is there twice, at the places {} and {}; leave one of them out",
+            lines[twins[0]], twins[0], twins[1]
+        );
+        return Err(wrong(format!("{FIELD}/{}", twins[1]), reason));
+    }
+    Ok(order.into_iter().map(|i| lines[i]).collect())
 }
 
 fn check_segments(segments: &Segments) -> Result<(), SettingsError> {

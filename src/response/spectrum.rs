@@ -62,7 +62,7 @@ pub(super) fn prepare(column: &[f64], detrend: Detrend, window: Window) -> Vec<f
         let level = match detrend {
             Detrend::None => *x,
             Detrend::Mean => x - mean,
-            Detrend::Linear => x - mean - slope * (i as f64 - middle),
+            Detrend::Line => x - mean - slope * (i as f64 - middle),
         };
         level * window.value(i, n)
     };
@@ -119,7 +119,7 @@ mod tests {
     #[test]
     fn trends_are_taken_off() {
         let x: Vec<f64> = (0..50).map(|i| 2.0 - 0.3 * f64::from(i)).collect();
-        let line = prepare(&x, Detrend::Linear, Window::Rectangular);
+        let line = prepare(&x, Detrend::Line, Window::Rectangular);
         assert!(line.iter().all(|v| v.abs() < 1e-13));
         let mean = prepare(&x, Detrend::Mean, Window::Rectangular);
         assert!(mean.iter().sum::<f64>().abs() < 1e-12 && (mean[0] - 7.35).abs() < 1e-13);

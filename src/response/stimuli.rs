@@ -7,10 +7,11 @@ use super::error::FrequencyError;
 use super::estimate::{GRID_TOLERANCE, on_grid};
 use super::excited::{excited_lines, strongest};
 use super::segments::{self, Segment};
-use super::settings::{CheckedSettings, EndSample, Stimulus};
+use super::settings::{CheckedSettings, Detrend, EndSample, Stimulus, Window};
 use super::spectrum::{direct_transform, grid_transform, line_power, prepare};
 use super::variance::dark_lines;
 use super::warnings::{EstimateWarning, hertz, is_periodic};
+use super::{drift, lines};
 use crate::ctl::Ctl;
 use crate::trial::Trial;
 use num_complex::Complex64;
@@ -114,13 +115,8 @@ pub fn stimulus_lines(
         Some(named) => named.iter().copied().filter(|f| *f > 0.0).collect(),
         None => excited(trials, &pieces, settings)?,
     };
-    for trial in trials {
-        let nyquist_hz = 0.5 / trial.sample_time_s;
-        if let Some(line) = frequency_hz.iter().position(|line| *line >= nyquist_hz * (1.0 - 1e-9)) {
-            let (frequency_hz, sample_time_s) = (frequency_hz[line], trial.sample_time_s);
-            return Err(FrequencyError::LineAboveNyquist { line, frequency_hz, nyquist_hz, sample_time_s });
-        }
-    }
+    let segments: Vec<(usize, Segment)> = pieces.iter().map(|piece| (piece.trial, piece.segment)).collect();
+    lines::check(&frequency_hz, trials, &segments, settings)?;
     ctl.set_total(pieces.len() as u64);
     let segments = pieces
         .par_iter()
@@ -146,8 +142,31 @@ fn window_sum(settings: &CheckedSettings, samples: usize) -> f64 {
 }
 
 fn cut(column: &[f64], segment: &Segment, settings: &CheckedSettings) -> Vec<f64> {
-    let settings = settings.settings();
-    prepare(&column[segment.start..segment.start + segment.samples], settings.detrend, settings.window)
+    let window = settings.settings().window;
+    prepare(&column[segment.start..segment.start + segment.samples], detrend(settings), window)
+}
+
+/// A straight line fitted to a periodic signal takes of its sinusoids; the slope of control and output is estimated
+/// between the stimuli's lines and taken off instead ([`slopes`]).
+fn detrend(settings: &CheckedSettings) -> Detrend {
+    match (settings.detrend, settings.settings().window) {
+        (Detrend::Line, Window::Rectangular) => Detrend::Mean,
+        (detrend, _) => detrend,
+    }
+}
+
+/// Slopes of control and output in units a sample, where they stand above the noise.
+fn slopes(columns: &[Vec<f64>; 4], dark: &[bool], settings: &CheckedSettings) -> [Option<f64>; 2] {
+    if settings.detrend != Detrend::Line || settings.settings().window != Window::Rectangular {
+        return [None; 2];
+    }
+    let samples = columns[2].len();
+    let command = if columns[0].is_empty() { &columns[1] } else { &columns[0] };
+    if command.is_empty() {
+        return [None; 2];
+    }
+    let input = grid_transform(command);
+    [2, 3].map(|i| drift::slope(&input, &grid_transform(&columns[i]), dark, samples))
 }
 
 fn pieces(trials: &[&Trial], settings: &CheckedSettings) -> Result<Vec<Piece>, FrequencyError> {
@@ -230,6 +249,19 @@ fn transform(trial: &Trial, piece: &Piece, settings: &CheckedSettings, frequency
         cut(&trial.signals.control, segment, settings),
         cut(&trial.signals.output, segment, settings),
     ];
+    let powers: Vec<Vec<f64>> = piece.power.iter().filter(|p| !p.is_empty()).cloned().collect();
+    let dark = if powers.is_empty() {
+        vec![true; segment.samples / 2 + 1]
+    } else {
+        dark_lines(&powers, settings.settings().window)
+    };
+    let mut columns = columns;
+    for (i, slope) in [2, 3].into_iter().zip(slopes(&columns, &dark, settings)) {
+        if let Some(slope) = slope {
+            let middle = 0.5 * (segment.samples as f64 - 1.0);
+            columns[i].iter_mut().enumerate().for_each(|(k, x)| *x -= slope * (k as f64 - middle));
+        }
+    }
     let refs: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
     let mut at = [const { Vec::new() }; 4];
     for frequency in frequency_hz {
@@ -249,12 +281,6 @@ fn transform(trial: &Trial, piece: &Piece, settings: &CheckedSettings, frequency
     let noise = if settings.end_sample == EndSample::Included {
         vec![None; frequency_hz.len()]
     } else {
-        let powers: Vec<Vec<f64>> = piece.power.iter().filter(|p| !p.is_empty()).cloned().collect();
-        let dark = if powers.is_empty() {
-            vec![true; segment.samples / 2 + 1]
-        } else {
-            dark_lines(&powers, settings.settings().window)
-        };
         let grids = [grid_transform(&columns[2]), grid_transform(&columns[3])];
         let length_s = segment.period as f64 * trial.sample_time_s;
         frequency_hz.iter().map(|f| nearby(&grids, &dark, on_grid(*f, length_s)?, scale)).collect()

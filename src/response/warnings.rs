@@ -1,12 +1,18 @@
 //! What a scientist must read before using frequency data.
 
 use super::error::{name, other};
-use super::estimate::{Estimate, GRID_TOLERANCE, Job, Piece, Transformed, on_grid};
+use super::estimate::{Estimate, Job, Piece, Transformed, VarianceSource};
 use super::segments::Segment;
-use super::settings::{Average, EndSample, Stimulus, Window};
+use super::settings::{Average, EndSample, Stimulus};
 
 /// Averages below this number leave the variance itself uncertain by a third or more.
 const FEW_AVERAGES: usize = 10;
+
+/// Leakage below this share of the response is named nowhere: rounding of records, or of the transform.
+const NEGLIGIBLE: f64 = 1e-6;
+
+/// Leakage that is worth a word where no error is known, as a share of the response.
+const SMALL_LEAKAGE: f64 = 0.01;
 
 /// A finding about an estimate.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -87,7 +93,8 @@ impl Job<'_> {
     pub(super) fn warnings(&self, estimate: &Estimate, transformed: &[Transformed]) -> Vec<EstimateWarning> {
         let mut warnings = Vec::new();
         self.warn_of_power(estimate, transformed, &mut warnings);
-        self.warn_of_leakage(estimate, transformed, &mut warnings);
+        self.warn_of_leakage(estimate, &mut warnings);
+        warn_of_errors(estimate, &mut warnings);
         let n = transformed.len();
         if n < FEW_AVERAGES {
             let uncertain = match n {
@@ -123,18 +130,6 @@ impl Job<'_> {
                 self.unused as f64 * self.trials[0].sample_time_s
             );
             warnings.push(EstimateWarning::new("segment_truncated", message));
-        }
-        let close = estimate
-            .frequency_hz
-            .windows(2)
-            .filter(|pair| pair[1] - pair[0] < (1.0 - GRID_TOLERANCE) * estimate.resolution_hz)
-            .count();
-        if close > 0 {
-            let message = format!(
-                "{close} lines are closer to the next one than the resolution of {} Hz: they are no independent data",
-                estimate.resolution_hz
-            );
-            warnings.push(EstimateWarning::new("lines_closer_than_resolution", message));
         }
         warnings
     }
@@ -192,36 +187,62 @@ impl Job<'_> {
         }
     }
 
-    fn warn_of_leakage(&self, estimate: &Estimate, transformed: &[Transformed], warnings: &mut Vec<EstimateWarning>) {
-        if self.settings.settings().window != Window::Rectangular {
-            return;
-        }
-        let off = chosen(estimate, |line| {
-            let frequency = estimate.frequency_hz[line];
-            estimate.segments.iter().any(|segment| on_grid(frequency, segment.length_s).is_none())
-        });
-        if !off.is_empty() {
+    fn warn_of_leakage(&self, estimate: &Estimate, warnings: &mut Vec<EstimateWarning>) {
+        // With a variance, what leaks is compared with the error of the line; without one, with the response itself.
+        let matters = |line: usize| {
+            let (Some(h), Some(leakage)) = (estimate.h[line], estimate.leakage[line]) else { return false };
+            let own = match estimate.variance_source {
+                Some(VarianceSource::LocalPolynomial) => None,
+                _ => estimate.variance[line],
+            };
+            match (own, estimate.transients_removed) {
+                (Some(variance), _) => leakage > variance.sqrt().max(NEGLIGIBLE * h.norm()),
+                // The error of local polynomials holds what is left.
+                (None, true) => false,
+                (None, false) => leakage > SMALL_LEAKAGE * h.norm(),
+            }
+        };
+        let lines = chosen(estimate, matters);
+        if !lines.is_empty() {
+            let (worst, leakage, h) = (0..estimate.h.len())
+                .filter(|line| matters(*line))
+                .filter_map(|line| Some((line, estimate.leakage[line]?, estimate.h[line]?.norm())))
+                .max_by(|a, b| a.1.total_cmp(&b.1))
+                .unwrap_or_default();
+            let mend = if self.removes_transients() {
+                "use segments that are whole periods of the stimulus, after its start has died away"
+            } else {
+                "\"transients\": \"remove\" takes off what is no window's"
+            };
             let message = format!(
-                "{} are no multiples of the resolution of {} Hz: neighbouring lines leak into them",
-                hertz(&off),
-                estimate.resolution_hz
+                "transients, slopes or the window leak into {} more than the error that is reported there, at {} Hz \
+                 {leakage:.3} of |h| = {h:.3}: see leakage; {mend}",
+                hertz(&lines),
+                (estimate.frequency_hz[worst] * 1e6).round() / 1e6
             );
             warnings.push(EstimateWarning::new("leakage", message));
         }
-        let rough: Vec<&Piece> =
-            self.pieces.iter().zip(transformed).filter(|(_, t)| !t.periodic).map(|(piece, _)| piece).collect();
-        if let Some(piece) = rough.first() {
+        let untold = chosen(estimate, |line| estimate.h[line].is_some() && estimate.leakage[line].is_none());
+        if !untold.is_empty() {
             let message = format!(
-                "the {} is not periodic with the segment ({} of {} segments, first {}): transients leak into all \
-                 lines, and \
-                 the response is biased even without noise",
-                name(self.channels.input),
-                rough.len(),
-                self.pieces.len(),
-                self.label(piece)
+                "how much transients leak into {} cannot be told: the segments have too few lines for it",
+                hertz(&untold)
             );
             warnings.push(EstimateWarning::new("leakage", message));
         }
+    }
+}
+
+/// Lines whose error is larger than what they are good for.
+fn warn_of_errors(estimate: &Estimate, warnings: &mut Vec<EstimateWarning>) {
+    let lines = chosen(estimate, |line| estimate.h[line].is_some() && !estimate.usable[line]);
+    if !lines.is_empty() {
+        let message = format!(
+            "the error at {} is more than a fifth of the response (of the median response, where that is larger): \
+             these lines are not usable",
+            hertz(&lines)
+        );
+        warnings.push(EstimateWarning::new("line_not_usable", message));
     }
 }
 

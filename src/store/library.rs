@@ -70,8 +70,9 @@ impl Store {
             let plant = self.plant(record.plant).await?.model;
             let divergent = record.divergent;
             let sha256 = record.sha256.clone();
+            let warnings = record.warnings.clone();
             let trial = off_runtime(move || unpacked(&record, &columns)).await?;
-            library.trials.insert(*id, Arc::new(StoredTrial { trial, sha256, plant, divergent }));
+            library.trials.insert(*id, Arc::new(StoredTrial { trial, sha256, plant, divergent, warnings }));
         }
         let mut connection = self.readers().acquire().await?;
         for id in &references.plants {

@@ -1,7 +1,7 @@
 //! What the store takes and gives, in the words of the domain.
 
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
-use crate::analysis::{Incumbent, Kind, Problem, Report, Request};
+use crate::analysis::{Incumbent, Kind, Problem, Report, Request, Warning};
 use crate::control::Model;
 use crate::ctl::{Bracket, Ctl, Progress};
 use crate::jobs::Status;
@@ -182,6 +182,8 @@ pub struct NewTrial {
     pub max_abs_output: f64,
     /// Time-domain metrics as `learning` wrote them, a JSON object.
     pub metrics: serde_json::Value,
+    /// What must be read before the trial is used.
+    pub warnings: Vec<Warning>,
 }
 
 /// A trial without its signals.
@@ -213,6 +215,8 @@ pub struct TrialRecord {
     pub divergent: bool,
     /// Time-domain metrics, a JSON object.
     pub metrics: serde_json::Value,
+    /// What must be read before the trial is used, found at its upload.
+    pub warnings: Vec<Warning>,
     /// Counts changes, from 1; the ETag.
     pub version: i64,
     /// When it was uploaded.

@@ -13,6 +13,9 @@ use sqlx::SqliteConnection;
 use sqlx::sqlite::SqliteRow;
 use uuid::Uuid;
 
+/// Sample times of one recording in two formats differ by no more than this share: digits of a printed time column.
+const SAME_SAMPLE_TIME: f64 = 1e-3;
+
 impl Noun for TrialRecord {
     type Id = TrialId;
     const NAME: &'static str = "trial";
@@ -36,6 +39,7 @@ impl Noun for TrialRecord {
             max_abs_output,
             divergent: display_limit.is_some_and(|limit| max_abs_output > limit),
             metrics: json(row, "metrics")?,
+            warnings: json(row, "warnings")?,
             version: get(row, "version")?,
             created_at: time(row, "created_at")?,
             updated_at: time(row, "updated_at")?,
@@ -109,8 +113,8 @@ async fn insert(
     let id = Uuid::now_v7().to_string();
     sqlx::query(
         "INSERT INTO trials (id, study_id, subject_id, plant_id, number, session, sample_time_s, samples,
-            has_disturbance, sha256, max_abs_output, metrics, created_at, updated_at)
-         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $13)",
+            has_disturbance, sha256, max_abs_output, metrics, created_at, updated_at, warnings, signals_sha256)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $13, $14, $15)",
     )
     .bind(&id)
     .bind(study)
@@ -125,6 +129,8 @@ async fn insert(
     .bind(new.max_abs_output)
     .bind(to_json(&new.metrics)?)
     .bind(now)
+    .bind(to_json(&new.warnings)?)
+    .bind(hexadecimal(&new.trial.signals_sha256()))
     .execute(&mut *connection)
     .await
     .map_err(|error| number_taken(error, new.number, new.session))?;
@@ -200,12 +206,20 @@ impl Store {
         let now = self.now_us();
         let mut ids = Vec::with_capacity(packed.len());
         for (new, columns) in &packed {
-            let known: Option<String> =
-                sqlx::query_scalar("SELECT id FROM trials WHERE subject_id = $1 AND sha256 = $2")
-                    .bind(&subject)
-                    .bind(&new.sha256)
-                    .fetch_optional(&mut *tx)
-                    .await?;
+            // The same signals in another format have another content hash: a time column, or a sample time written
+            // with other digits. At another rate they are another recording.
+            let known: Option<String> = sqlx::query_scalar(
+                "SELECT id FROM trials WHERE subject_id = $1 AND (sha256 = $2
+                    OR (signals_sha256 = $3 AND abs(sample_time_s - $4) <= $5 * $4))
+                 ORDER BY sha256 <> $2, id LIMIT 1",
+            )
+            .bind(&subject)
+            .bind(&new.sha256)
+            .bind(hexadecimal(&new.trial.signals_sha256()))
+            .bind(new.trial.sample_time_s)
+            .bind(SAME_SAMPLE_TIME)
+            .fetch_optional(&mut *tx)
+            .await?;
             let (id, made): (_, fn(TrialRecord) -> Created<TrialRecord>) = match known {
                 Some(id) => (id, Created::Duplicate),
                 None => (insert(&mut tx, &subject, &study, new, columns, now).await?, Created::New),

@@ -149,6 +149,26 @@ impl Trial {
         self.signals.command.iter().zip(&self.signals.output).map(|(r, y)| r - y).collect()
     }
 
+    /// SHA-256 of command, control, output and disturbance alone, each number by its bits: the same for a recording with
+    /// a time column and for one with a sample time.
+    #[must_use]
+    pub fn signals_sha256(&self) -> [u8; 32] {
+        let mut hasher = Sha256::new();
+        for channel in Channel::ALL.into_iter().filter(|channel| *channel != Channel::Time) {
+            self.hash_column(channel, &mut hasher);
+        }
+        hasher.finalize().into()
+    }
+
+    fn hash_column(&self, channel: Channel, hasher: &mut Sha256) {
+        let Some(column) = self.signals.channel(channel) else { return };
+        hasher.update(channel.letter());
+        hasher.update((column.len() as u64).to_le_bytes());
+        for value in column {
+            hasher.update(value.to_le_bytes());
+        }
+    }
+
     /// SHA-256 of the sample time and of every column with its name, each number by its bits (little endian).
     ///
     /// The same recording has the same hash whether it came as CSV or JSON, compressed or not.
@@ -157,12 +177,7 @@ impl Trial {
         let mut hasher = Sha256::new();
         hasher.update(self.sample_time_s.to_le_bytes());
         for channel in Channel::ALL {
-            let Some(column) = self.signals.channel(channel) else { continue };
-            hasher.update(channel.letter());
-            hasher.update((column.len() as u64).to_le_bytes());
-            for value in column {
-                hasher.update(value.to_le_bytes());
-            }
+            self.hash_column(channel, &mut hasher);
         }
         hasher.finalize().into()
     }

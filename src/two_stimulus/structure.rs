@@ -129,7 +129,7 @@ fn rational(prefix: &str, law: RationalLaw, delay_s: [f64; 2], parameters: &mut 
 }
 
 impl Person {
-    /// A structure on a plant; delays are sought in `delay_s`, `scale_rad_s` is a frequency in the middle of the lines.
+    /// A structure on a plant; delays of feedback and feedforward are sought in `delay_s`, `scale_rad_s` is a frequency in the middle of the lines.
     ///
     /// # Errors
     /// [`StructureError`].
@@ -178,6 +178,16 @@ impl Person {
             }
         }
         Ok(Self { plant: plant.clone(), structure, parameters, scale_rad_s })
+    }
+
+    /// The same with the feedforward's delay sought in a range of its own, which may begin below zero: who sees the
+    /// command coming, or continues it, looks ahead.
+    #[must_use]
+    pub fn with_feedforward_delay(mut self, delay_s: [f64; 2]) -> Self {
+        for parameter in self.parameters.iter_mut().filter(|parameter| parameter.name == "feedforward_delay_s") {
+            parameter.range = delay_s;
+        }
+        self
     }
 
     /// The parameters, in order.

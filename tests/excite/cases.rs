@@ -164,8 +164,8 @@ fn plants_with_delay_and_measured_ones() {
     // A delay costs gain: the loop that may be as strong as it likes cannot be any more.
     let late = ask(json!({"mass_kg": 10, "damping_ns_per_m": 50, "delay_s": 0.05})).unwrap().result;
     assert!(number(&late, "gain") < number(&prompt, "gain") && number(&late, "spectral_radius") < 1.0);
-    let model = json!({"num": [1], "den": [10, 50, 0], "sample_time_s": null});
-    let same = ask(json!({"model": model, "delay_s": 0.05})).unwrap().result;
+    let model = json!({"num": [1], "den": [10, 50, 0], "sample_time_s": null, "delay_s": 0.05});
+    let same = ask(model).unwrap().result;
     close(number(&same, "blsfg"), number(&late, "blsfg"), 1e-9);
     // Measured without noise it is the drive.
     let hz: Vec<f64> = (1..40).map(|k| 0.2 * f64::from(k)).collect();

@@ -9,10 +9,12 @@ mod contract;
 #[path = "../support/virtual_subjects.rs"]
 mod virtual_subjects;
 
+mod cases;
 mod gain_fit;
 mod gain_fit_filter;
 mod response;
 mod response_doubts;
+mod response_leakage;
 mod ssid_appendix_b;
 mod ssid_coverage;
 mod ssid_delayed;

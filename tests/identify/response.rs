@@ -101,11 +101,12 @@ fn a_known_filter_comes_back_from_periodic_data() {
     for lines in [Lines::Excited, Lines::FrequencyHz(named.clone())] {
         for average in [Average::Ratios, Average::CrossSpectra] {
             for (window, detrend) in [
-                (Window::Rectangular, Detrend::None),
-                (Window::Rectangular, Detrend::Mean),
-                (Window::Hann, Detrend::None),
-                (Window::Hamming, Detrend::Mean),
-                (Window::Blackman, Detrend::None),
+                (Window::Rectangular, Some(Detrend::None)),
+                (Window::Rectangular, None),
+                (Window::Rectangular, Some(Detrend::Mean)),
+                (Window::Hann, Some(Detrend::None)),
+                (Window::Hamming, Some(Detrend::Mean)),
+                (Window::Blackman, Some(Detrend::None)),
             ] {
                 // Windows spread a line onto its neighbours, where "excited" finds it too.
                 if window != Window::Rectangular && lines == Lines::Excited {

@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 use volition::ctl::{Ctl, StopReason};
 use volition::response::{
     Bounds, Channels, CountSegments, FrequencyError, FrequencySettings, LengthSegments, Lines, Response, Segments,
-    Stimulus, Window, estimate, estimate_between,
+    Stimulus, Transients, Window, estimate, estimate_between,
 };
 
 #[test]
@@ -93,18 +93,19 @@ fn shared_lines_leakage_and_close_lines_are_named() {
 
     let lines = Lines::FrequencyHz(vec![0.2, 0.21]);
     let settings = FrequencySettings { lines, segments: whole, ..Default::default() };
-    let found = estimate(&[&recording], &settings).unwrap();
-    assert!(warning(&found, "leakage").contains("0.2, 0.21 Hz are no multiples"));
-    assert!(warning(&found, "lines_closer_than_resolution").contains("1 lines"));
+    let error = estimate(&[&recording], &settings).unwrap_err();
+    assert!(matches!(error, FrequencyError::LinesTooClose { line: 1, named: true, windowed: false, .. }), "{error}");
 
     // Segments that are no whole period.
     let segments = Some(Segments::Length(LengthSegments { length_s: 10.0, start_s: 0.0 }));
-    let settings = FrequencySettings { segments, ..Default::default() };
-    let found = estimate(&[&recording], &settings).unwrap();
-    assert!(warning(&found, "leakage").contains("not periodic"));
+    let kept = FrequencySettings { segments, transients: Some(Transients::Keep), ..Default::default() };
+    let filtered = trial(DT, r.clone(), Filter::LOOP.run(&r), None);
+    let found = estimate(&[&filtered], &kept).unwrap();
+    assert!(warning(&found, "leakage").contains("transients"));
     assert!(warning(&found, "segment_truncated").contains("last 4 s"));
-    let hann = estimate(&[&recording], &FrequencySettings { window: Window::Hann, ..settings }).unwrap();
-    assert!(!codes(&hann).contains(&"leakage"));
+    let lines = Lines::FrequencyHz(vec![0.2, 0.4]);
+    let hann = FrequencySettings { window: Window::Hann, lines, transients: None, ..kept };
+    let hann = estimate(&[&recording], &hann).unwrap();
     assert!((hann.noise_bandwidth_hz - 0.15).abs() < 1e-12 && (hann.resolution_hz - 0.1).abs() < 1e-12);
 }
 

@@ -50,7 +50,7 @@ fn quiet() -> SubjectParameters {
 
 fn settings(start_s: f64) -> volition::response::CheckedSettings {
     let segments = Some(Segments::Length(LengthSegments { length_s: 20.0, start_s }));
-    FrequencySettings { segments, detrend: Detrend::Mean, ..FrequencySettings::default() }.check().unwrap()
+    FrequencySettings { segments, detrend: Some(Detrend::Mean), ..FrequencySettings::default() }.check().unwrap()
 }
 
 fn lines_of(trials: &[Trial], start_s: f64) -> StimulusLines {

@@ -78,7 +78,7 @@ fn plant(name: &str) -> System {
 
 fn settings() -> CheckedSettings {
     let segments = Some(Segments::Length(LengthSegments { length_s: 20.0, start_s: 5.0 }));
-    FrequencySettings { segments, detrend: Detrend::Mean, ..FrequencySettings::default() }.check().unwrap()
+    FrequencySettings { segments, detrend: Some(Detrend::Mean), ..FrequencySettings::default() }.check().unwrap()
 }
 
 fn lines(trials: &[&Recorded]) -> StimulusLines {

@@ -10,7 +10,12 @@ use volition::trial::gzip::GzipReader;
 use volition::trial::{Signals, Trial, csv};
 
 fn tf(num: &[f64], den: &[f64]) -> Model {
-    Model::TransferFunction(TransferFunctionModel { num: num.to_vec(), den: den.to_vec(), sample_time_s: None })
+    Model::TransferFunction(TransferFunctionModel {
+        num: num.to_vec(),
+        den: den.to_vec(),
+        sample_time_s: None,
+        delay_s: None,
+    })
 }
 
 fn continuous(num: &[f64], den: &[f64]) -> System {

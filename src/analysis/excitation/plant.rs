@@ -3,7 +3,7 @@
 use super::problems;
 use crate::analysis::ids::PlantId;
 use crate::analysis::inputs::library::Library;
-use crate::analysis::inputs::plant::{check_plant, parse_model};
+use crate::analysis::inputs::plant::{check_delayed_plant, parse_model};
 use crate::analysis::problem::{Code, Problem};
 use crate::analysis::reading::{read, wrong_inputs as wrong};
 use crate::analysis::report::sha256_json;
@@ -30,16 +30,6 @@ pub struct MassDamper {
     /// By how much the position answers later, s. Default: 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub delay_s: Option<f64>,
-}
-
-/// A model whose output answers later.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct DelayedModel {
-    /// The model without its delay.
-    pub model: Model,
-    /// The delay, s: 0 to 60 samples.
-    pub delay_s: f64,
 }
 
 /// A plant in continuous time by its measured frequency response; a rational model of the given size is fitted to it.
@@ -99,9 +89,6 @@ pub enum PlantInput {
     /// A measured frequency response.
     #[schemars(title = "MeasuredPlant")]
     Measured(Box<MeasuredPlant>),
-    /// A model in the request whose output answers later.
-    #[schemars(title = "DelayedPlant")]
-    Delayed(Box<DelayedModel>),
     /// A model in the request.
     #[schemars(title = "ModelPlant")]
     Model(Model),
@@ -137,15 +124,8 @@ impl PlantInput {
             measured.check(at)?;
             return Ok(Self::Measured(Box::new(measured)));
         }
-        if value.get("model").is_some() {
-            let inner = format!("{at}/model");
-            let delayed: DelayedModel = read(value, at, "unusable plant")?;
-            check_delay(delayed.delay_s, at)?;
-            check_plant(&delayed.model, &inner)?;
-            return Ok(Self::Delayed(Box::new(delayed)));
-        }
         let model = parse_model(value, at)?;
-        check_plant(&model, at)?;
+        check_delayed_plant(&model, at)?;
         Ok(Self::Model(model))
     }
 
@@ -163,7 +143,6 @@ impl PlantInput {
         Ok(sha256_json(&match self {
             Self::MassDamper(drive) => json!(drive),
             Self::Measured(measured) => json!(measured),
-            Self::Delayed(delayed) => json!(delayed),
             Self::Model(model) => json!(model),
             Self::Stored(id) => json!(library.plant(*id).map_err(|problem| problem.at(at))?),
         }))
@@ -181,16 +160,18 @@ impl PlantInput {
         at: &str,
     ) -> Result<SampledPlant, Problem> {
         let path = |error| problems::path(&error);
-        let of_model =
-            |model: &Model, at: &str| SampledPlant::new(&check_plant(model, at)?, how, time).map_err(|e| path(e));
+        let of_model = |model: &Model, at: &str| {
+            let (system, delay_s) = check_delayed_plant(model, at)?;
+            Ok((SampledPlant::new(&system, how, time).map_err(path)?, delay_s))
+        };
         let (plant, delay_s) = match self {
             Self::MassDamper(MassDamper { mass_kg, damping_ns_per_m, delay_s }) => {
                 let plant = if how == Discretisation::ZeroOrderHold {
                     SampledPlant::mass_damper(*mass_kg, *damping_ns_per_m, time).map_err(path)?
                 } else {
                     let den = vec![*mass_kg, *damping_ns_per_m, 0.0];
-                    let written = TransferFunctionModel { num: vec![1.0], den, sample_time_s: None };
-                    of_model(&Model::TransferFunction(written), at)?
+                    let written = TransferFunctionModel { num: vec![1.0], den, sample_time_s: None, delay_s: None };
+                    of_model(&Model::TransferFunction(written), at)?.0
                 };
                 (plant, delay_s.unwrap_or(0.0))
             }
@@ -198,9 +179,8 @@ impl PlantInput {
                 let system = System::Continuous(measured.fitted(at)?.plant);
                 (SampledPlant::new(&system, how, time).map_err(path)?, measured.delay_s)
             }
-            Self::Delayed(delayed) => (of_model(&delayed.model, &format!("{at}/model"))?, delayed.delay_s),
-            Self::Model(model) => (of_model(model, at)?, 0.0),
-            Self::Stored(id) => (of_model(library.plant(*id).map_err(|problem| problem.at(at))?, at)?, 0.0),
+            Self::Model(model) => of_model(model, at)?,
+            Self::Stored(id) => of_model(library.plant(*id).map_err(|problem| problem.at(at))?, at)?,
         };
         if delay_s == 0.0 { Ok(plant) } else { plant.delayed(delay_s).map_err(path) }
     }

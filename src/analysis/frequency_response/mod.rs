@@ -50,6 +50,9 @@ pub struct SegmentResult {
     pub length_s: f64,
     /// Samples that were summed.
     pub samples: usize,
+    /// The slope that was taken off the output, in its units a second; null where there was none to take off.
+    #[serde(default)]
+    pub slope_per_s: Option<f64>,
 }
 
 /// The result; arrays are equally long, in increasing frequency. What does not exist is null, and a warning says why.
@@ -65,15 +68,32 @@ pub struct FrequencyResponseResult {
     pub gain_db: Vec<Option<f64>>,
     /// Its phase in degrees, principal value in (−180, 180].
     pub phase_deg: Vec<Option<f64>>,
-    /// Variance of the complex response, `E|h − E h|²` (both parts together).
+    /// Variance of the complex response, `E|h − E h|²` (both parts together), in squared units of h; of local
+    /// polynomials the mean square error, with what of transients is left.
     pub variance: Vec<Option<f64>>,
-    /// `repetition` (scatter of the segments), `nearby_lines` (output power between the stimuli's lines), or null.
+    /// `repetition` (scatter of the segments), `nearby_lines` (output power between the stimuli's lines),
+    /// `local_polynomial` (response and transient estimated together), or null.
     pub variance_source: Option<String>,
+    /// What transients, slopes and the window leave in h, root mean square, in units of h; 0 where nothing stands above
+    /// the noise, null where it cannot be told.
+    #[serde(default)]
+    pub leakage: Vec<Option<f64>>,
+    /// Whether the error (variance and leakage) is at most a fifth of |h|, or of the median |h| where that is larger;
+    /// identification leaves other lines out where local polynomials found them.
+    #[serde(default)]
+    pub usable: Vec<bool>,
+    /// Whether transients were removed from h.
+    #[serde(default)]
+    pub transients_removed: bool,
+    /// Real degrees of freedom of the variances of local polynomials, the fewest of all lines; null of others.
+    #[serde(default)]
+    pub variance_degrees_of_freedom: Option<f64>,
     /// Mean square of the input's sinusoid on the line, averaged over segments, in squared units of the input.
     pub command_power: Vec<f64>,
     /// The same of the segment in which it is weakest.
     pub command_power_minimum: Vec<f64>,
-    /// Share of the output's power that the averaged response explains, `|Σ R̄Y|²/(Σ|R|² Σ|Y|²)`; null of one segment.
+    /// Share of the output's power that the averaged response explains, `|Σ R̄Y|²/(Σ|R|² Σ|Y|²)`, times
+    /// `|h|²/(|h|² + leakage²)`: what leaks into every segment alike is coherent, and no response; null of one segment.
     pub coherence: Vec<Option<f64>>,
     /// Segments averaged.
     pub averages: Vec<usize>,
@@ -104,9 +124,14 @@ impl FrequencyResponseResult {
                 let name = match source {
                     VarianceSource::Repetition => "repetition",
                     VarianceSource::NearbyLines => "nearby_lines",
+                    VarianceSource::LocalPolynomial => "local_polynomial",
                 };
                 name.to_owned()
             }),
+            leakage: estimate.leakage.clone(),
+            usable: estimate.usable.clone(),
+            transients_removed: estimate.transients_removed,
+            variance_degrees_of_freedom: estimate.degrees_of_freedom,
             command_power: estimate.input_power.clone(),
             command_power_minimum: estimate.input_power_minimum.clone(),
             coherence: estimate.coherence.clone(),
@@ -121,6 +146,7 @@ impl FrequencyResponseResult {
                     start_s: segment.start_s,
                     length_s: segment.length_s,
                     samples: segment.samples,
+                    slope_per_s: segment.slope_per_s,
                 })
                 .collect(),
         }
@@ -159,7 +185,7 @@ impl Analysis for Plan {
         control), from the segments of one trial or of several, at the lines where the stimulus carries power, with \
         the variance and \
         the coherence of each line (Zhang 2015, sections 3.5.1 and 5.6.1).";
-    const RESULT_VERSION: u32 = 1;
+    const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = TrialInputs;
@@ -243,7 +269,7 @@ mod tests {
         }
         assert!(result.gain_db.iter().all(|gain| gain.unwrap().abs() < 1e-9));
         assert_eq!(result.averages, [2, 2]);
-        assert_eq!(report.schema, "volition.frequency_response/1");
+        assert_eq!(report.schema, "volition.frequency_response/2");
         assert_eq!(report.provenance.inputs_sha256.len(), 1);
     }
 
@@ -268,7 +294,7 @@ mod tests {
             (json!({"input": "speed"}), "/spec/input"),
             (json!({"lines": "all"}), "/spec/lines"),
             (json!({"lines": {"frequency_hz": [0.1, "x"]}}), "/spec/lines"),
-            (json!({"lines": {"frequency_hz": [0.2, 0.1]}}), "/spec/lines/frequency_hz/1"),
+            (json!({"lines": {"frequency_hz": [0.2, 0.1, 0.2]}}), "/spec/lines/frequency_hz/2"),
             (json!({"lines": {"frequency_hz": []}}), "/spec/lines/frequency_hz"),
             (json!({"lines": {"frequency_hz": [0.1]}, "band_hz": [0.0, 1.0]}), "/spec/band_hz"),
             (json!({"lines": {"frequency_hz": [0.0]}, "detrend": "mean"}), "/spec/detrend"),
@@ -277,6 +303,7 @@ mod tests {
             (json!({"segments": {"cuont": 1}}), "/spec/segments"),
             (json!({"segments": [{"start_s": 2.0, "end_s": 1.0}]}), "/spec/segments/0"),
             (json!({"end_sample": "included"}), "/spec/end_sample"),
+            (json!({"window": "hann", "transients": "remove"}), "/spec/transients"),
             (json!({"power_threshold": 0.0}), "/spec/power_threshold"),
             (json!({"floor_ratio": 0.5}), "/spec/floor_ratio"),
             (json!({"widnow": "hann"}), "/spec/widnow"),
@@ -297,6 +324,7 @@ mod tests {
             (json!({"segments": [{"start_s": 0, "end_s": 9}]}), Code::Invalid, "/spec/segments/0", "ends at 8 s"),
             (json!({"segments": {"count": 5}}), Code::Invalid, "/spec/segments", "at least 4"),
             (json!({"input": "disturbance"}), Code::Invalid, "/inputs/trial", "no disturbance"),
+            (json!({"lines": {"frequency_hz": [0.3, 0.2]}}), Code::Invalid, "/spec/lines/frequency_hz/1", "nearer"),
             (json!({"band_hz": [0.3, 0.4]}), Code::NotIdentifiable, "/spec/lines", "excites no line from 0.3"),
         ] {
             let plan = Plan::parse(&request(spec.clone())).unwrap();

@@ -29,6 +29,10 @@ pub trait Responses: Serialize + DeserializeOwned + JsonSchema + Send + Sync {
     /// A [`Problem`] with the JSON pointer of what is wrong.
     fn check(&self) -> Result<(), Problem>;
 
+    /// The same in increasing frequency, of data that have been checked.
+    #[must_use]
+    fn sorted(self) -> Self;
+
     /// Refuses inputs that are meant for another kind.
     ///
     /// # Errors
@@ -96,7 +100,7 @@ impl<D: Responses> Part for TrialsOrResponses<D> {
             .ok_or_else(|| wrong("there is no plant", "/inputs").mend("Give the plant beside the data."))?;
         let plant = parse_model(plant, "/inputs/plant")?;
         data.check()?;
-        Ok(Self::Responses(PlantAndResponses { plant, frequency_response: data }))
+        Ok(Self::Responses(PlantAndResponses { plant, frequency_response: data.sorted() }))
     }
 }
 
@@ -121,7 +125,7 @@ pub fn wrong_data(detail: impl Into<String>, field: impl Display) -> Problem {
     Problem::new(Code::Invalid, "unusable frequency data", detail).at(format!("{RESPONSES}/{field}"))
 }
 
-/// Frequencies must be there, finite, not negative and increase; `from_zero` says whether 0 is one.
+/// Frequencies must be there, finite, not negative and each there once; `from_zero` says whether 0 is one.
 ///
 /// # Errors
 /// A [`Problem`] with the pointer of the first that is wrong.
@@ -138,12 +142,32 @@ pub fn check_frequencies(omega_rad_s: &[f64], from_zero: bool) -> Result<(), Pro
         if *omega == 0.0 && !from_zero {
             return Err(wrong_data("a frequency is 0, and must be positive", at));
         }
-        if i > 0 && *omega <= omega_rad_s[i - 1] {
-            let detail = format!("the frequency {omega} follows {}; frequencies must increase", omega_rad_s[i - 1]);
-            return Err(wrong_data(detail, at));
+    }
+    let order = increasing(omega_rad_s);
+    match order.windows(2).find(|pair| omega_rad_s[pair[0]] == omega_rad_s[pair[1]]) {
+        None => Ok(()),
+        Some(twins) => {
+            let detail = format!(
+                "the frequency {} is there twice, at the places {} and {}",
+                omega_rad_s[twins[0]], twins[0], twins[1]
+            );
+            Err(wrong_data(detail, format!("omega_rad_s/{}", twins[1]))
+                .mend("Leave one of the two out, or average their responses."))
         }
     }
-    Ok(())
+}
+
+/// The places of frequencies in increasing order.
+#[must_use]
+pub fn increasing(omega_rad_s: &[f64]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..omega_rad_s.len()).collect();
+    order.sort_by(|a, b| omega_rad_s[*a].total_cmp(&omega_rad_s[*b]));
+    order
+}
+
+/// Values in another order.
+pub fn in_order<T: Clone>(values: &[T], order: &[usize]) -> Vec<T> {
+    order.iter().map(|i| values[*i].clone()).collect()
 }
 
 /// There must be a response for every frequency.

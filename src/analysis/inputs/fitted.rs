@@ -1,7 +1,7 @@
 //! Trials that are fitted, and others that the result is only simulated on.
 
 use super::library::{Library, References};
-use super::plant::check_plant;
+use super::plant::check_delayed_plant;
 use super::trials::{PlantNeed, ResolvedTrial, TrialInput, TrialInputs, inputs_sha256};
 use crate::analysis::contract::{Inputs, Part};
 use crate::analysis::problem::{Code, Problem};
@@ -33,6 +33,8 @@ pub struct FittedTrials {
 pub struct Resolved {
     /// The plant of all of them.
     pub plant: System,
+    /// The delay behind it in seconds; 0 in sampled time.
+    pub plant_delay_s: f64,
     /// Those that are fitted.
     pub fitted: Vec<ResolvedTrial>,
     /// Those that are held out.
@@ -94,10 +96,10 @@ impl FittedTrials {
     /// A [`Problem`] with the place of the trial.
     pub fn resolve(&self, library: &Library) -> Result<Resolved, Problem> {
         let fitted = self.fitted.resolve(library)?;
-        let plant = common_plant(&fitted)?;
+        let (plant, plant_delay_s) = common_plant(&fitted)?;
         check_sample_times(&plant, &fitted)?;
         let mut held_out = match self.held_out() {
-            None => return Ok(Resolved { plant, fitted, held_out: Vec::new() }),
+            None => return Ok(Resolved { plant, plant_delay_s, fitted, held_out: Vec::new() }),
             Some(inputs) => inputs.resolve(library).map_err(moved)?,
         };
         for trial in &mut held_out {
@@ -108,12 +110,12 @@ impl FittedTrials {
                 return Err(not_held_out(detail, trial.name.clone()));
             }
         }
-        if common_plant(&held_out)? != plant {
+        if common_plant(&held_out)? != (plant.clone(), plant_delay_s) {
             let detail = "the trials to validate on were recorded on another plant than those that are fitted";
             return Err(Problem::new(Code::Invalid, "different plants", detail).at(HELD_OUT));
         }
         check_sample_times(&plant, &held_out)?;
-        Ok(Resolved { plant, fitted, held_out })
+        Ok(Resolved { plant, plant_delay_s, fitted, held_out })
     }
 }
 
@@ -139,14 +141,14 @@ impl Inputs for FittedTrials {
     }
 }
 
-/// The plant that all trials were recorded on.
-fn common_plant(trials: &[ResolvedTrial]) -> Result<System, Problem> {
-    let mut common: Option<(System, &str)> = None;
+/// The plant that all trials were recorded on, with its delay.
+fn common_plant(trials: &[ResolvedTrial]) -> Result<(System, f64), Problem> {
+    let mut common: Option<((System, f64), &str)> = None;
     for trial in trials {
         let Some(model) = trial.plant() else {
             return Err(Problem::new(Code::Invalid, "no plant", format!("{} has no plant", trial.name)).at("/inputs"));
         };
-        let plant = check_plant(model, &trial.name)?;
+        let plant = check_delayed_plant(model, &trial.name)?;
         match &common {
             None => common = Some((plant, &trial.name)),
             Some((first, _)) if *first == plant => {}

@@ -55,6 +55,13 @@ pub fn problem(error: &FrequencyError, trials: &[ResolvedTrial], pointer: &str) 
         FrequencyError::LineAboveNyquist { line, .. } => new(Code::Invalid, "line above the Nyquist frequency")
             .at(format!("{pointer}/lines/frequency_hz/{line}"))
             .mend("Leave it out, or record with a shorter sample time."),
+        FrequencyError::LinesTooClose { line, named, windowed, least_hz, length_s, below_hz, frequency_hz } => {
+            let at = if *named { format!("{pointer}/lines/frequency_hz/{line}") } else { format!("{pointer}/lines") };
+            let longer = length_s * least_hz / (frequency_hz - below_hz);
+            let window = if *windowed { ", or the rectangular window on whole periods" } else { "" };
+            let advice = format!("Leave one of them out, use segments of {longer:.3} s or more{window}.");
+            new(Code::Invalid, "lines that cannot be told apart").at(at).mend(advice)
+        }
         FrequencyError::SegmentOutside { segment, .. } => new(Code::Invalid, "segment outside the record")
             .at(format!("{pointer}/segments/{segment}"))
             .mend("Name segments within the record, in seconds from its first sample."),

@@ -2,6 +2,7 @@
 
 use crate::analysis::ids::{PlantId, TrialId};
 use crate::analysis::problem::{Code, Problem};
+use crate::analysis::report::Warning;
 use crate::control::Model;
 use crate::identify::search::{KeepNothing, PreparedPools};
 use crate::trial::Trial;
@@ -25,6 +26,9 @@ impl References {
     }
 }
 
+/// Trials that a repeated finding names at most.
+const NAMED: usize = 5;
+
 /// A stored trial with the plant it was recorded on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredTrial {
@@ -36,6 +40,8 @@ pub struct StoredTrial {
     pub plant: Model,
     /// Whether |y| passed the study's display limit.
     pub divergent: bool,
+    /// What must be read before the trial is used, found at its upload.
+    pub warnings: Vec<Warning>,
 }
 
 /// Everything that a request refers to, fetched before the computation starts.
@@ -65,6 +71,27 @@ impl Library {
         self.trials.get(&id).ok_or_else(|| {
             Problem::new(Code::NotFound, "no such trial", format!("there is no trial {id}")).at("/inputs")
         })
+    }
+
+    /// What was found at the upload of the trials that are referred to, each finding with the trials that it is about.
+    #[must_use]
+    pub fn warnings(&self, references: &References) -> Vec<Warning> {
+        let mut found: Vec<(Warning, Vec<String>)> = Vec::new();
+        for id in &references.trials {
+            for warning in self.trials.get(id).iter().flat_map(|trial| &trial.warnings) {
+                match found.iter_mut().find(|(known, _)| known == warning) {
+                    Some((_, trials)) => trials.push(id.to_string()),
+                    None => found.push((warning.clone(), vec![id.to_string()])),
+                }
+            }
+        }
+        let repeated = |(warning, trials): (Warning, Vec<String>)| {
+            let more = trials.len().saturating_sub(NAMED);
+            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+            let named = trials[..trials.len().min(NAMED)].join(", trial ");
+            Warning::new(warning.code, format!("trial {named}{more}: {}", warning.message))
+        };
+        found.into_iter().map(repeated).collect()
     }
 
     /// The plant with this id.

@@ -33,7 +33,19 @@ pub fn parse_model(value: &Value, location: &str) -> Result<Model, Problem> {
 /// # Errors
 /// `invalid`, where it is no system with one input and one output.
 pub fn check_plant(plant: &Model, location: &str) -> Result<System, Problem> {
-    plant.check().map_err(|error| {
+    plant.check().map_err(|error| unusable(&error, location))
+}
+
+/// The plant as a checked system with the delay behind it in seconds, which is 0 in sampled time.
+///
+/// # Errors
+/// As [`check_plant`].
+pub fn check_delayed_plant(plant: &Model, location: &str) -> Result<(System, f64), Problem> {
+    plant.check_delayed().map_err(|error| unusable(&error, location))
+}
+
+fn unusable(error: &ModelError, location: &str) -> Problem {
+    {
         let problem = Problem::new(Code::Invalid, "unusable plant", error.to_string()).at(location.to_owned());
         if matches!(error, ModelError::Conversion(ConversionError::NotSingle { .. })) {
             problem.mend(
@@ -44,5 +56,5 @@ pub fn check_plant(plant: &Model, location: &str) -> Result<System, Problem> {
         } else {
             problem
         }
-    })
+    }
 }

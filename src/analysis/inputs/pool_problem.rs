@@ -15,6 +15,12 @@ pub fn problem(error: &SsidError) -> Problem {
         SsidError::Unaffordable { size, .. } => new(Code::Unaffordable, "candidate pool too large")
             .at("/spec/pool")
             .mend(format!("Thin the pool or coarsen its grids, or raise max_candidates to {size} and take the time.")),
+        SsidError::PlantDelay(_) => new(Code::Invalid, "unusable delay of the plant")
+            .at("/inputs/plant/delay_s")
+            .mend("Give a delay of whole samples of the controllers, or continuous controllers."),
+        SsidError::UnstableWithDelay { .. } => new(Code::NotIdentifiable, "no stable candidate with the delay")
+            .at("/spec/pool")
+            .mend("Use a smaller range of feedback gains, or raise the stability margin."),
         SsidError::NoSampleTime => new(Code::Invalid, "no sample time")
             .at("/spec/sample_time_s")
             .mend("Give sample_time_s, or the plant in sampled time."),
@@ -62,6 +68,13 @@ fn pool_problem(pool: &PoolError, error: &SsidError) -> Problem {
         PoolError::TooLarge { .. } | PoolError::Overflow => new(Code::Unaffordable, "candidate pool too large")
             .at("/spec/pool")
             .mend("Thin the pool or coarsen its grids."),
+        PoolError::HiddenMode { .. } => {
+            new(Code::NotIdentifiable, "the plant has a hidden unstable mode").at("/inputs").mend(
+                "If the mode is no part of the object, divide numerator and denominator of the plant by the common \
+                 factor; if it is, no person can hold it by what y shows, and the model of the plant is wrong.",
+            )
+        }
+        PoolError::NoConvergence(_) => new(Code::Numerical, "no plant poles").at("/inputs"),
         PoolError::NoFeedforward(_) | PoolError::NoFeedback(_) => new(Code::NotIdentifiable, "no stable candidate")
             .at("/spec/pool")
             .mend("Widen the pool, or lower its stability margin."),

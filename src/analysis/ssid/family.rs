@@ -5,7 +5,8 @@ use crate::control::Model;
 use crate::identify::family::Member;
 use crate::identify::search::{MOST_NEAR, NEAR};
 use crate::identify::ssid::Identified;
-use crate::learning::frequency_domain::controller_metrics;
+use crate::learning::frequency_domain::controller_metrics_delayed;
+use num_complex::Complex64;
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -55,14 +56,17 @@ pub struct FamilySpread {
 /// Candidates that fit nearly as well: how flat the optimum is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct NearOptimal {
-    /// Within this share of the smallest cost.
+    /// Within this share of the smallest cost, or within `rounding` of it.
     pub within: f64,
+    /// A difference of costs that rounding alone can make; candidates that fit exactly are all within it.
+    #[serde(default)]
+    pub rounding: f64,
     /// How many, the best one included; a controller without feedback counts with every feedback denominator.
     pub count: u64,
     /// The best of them, the best one first; of equal costs the lowest index first. A controller without feedback is
     /// here once.
     pub family: Vec<NearCandidate>,
-    /// Whether the family holds every candidate within that share, and not only the best ones.
+    /// Whether the family holds every candidate within that share or rounding, and not only the best ones.
     pub family_is_complete: bool,
     /// How far they differ.
     pub spread: FamilySpread,
@@ -86,7 +90,8 @@ impl NearOptimal {
             .lines
             .iter()
             .map(|(line, _)| {
-                let distance = |m: &Member| (m.feedforward.response(line.omega_rad_s) * line.plant - 1.0).norm();
+                let plant = line.plant * Complex64::from_polar(1.0, -line.omega_rad_s * found.plant_delay_s);
+                let distance = |m: &Member| (m.feedforward.response(line.omega_rad_s) * plant - 1.0).norm();
                 SpreadAtLine {
                     omega_rad_s: line.omega_rad_s,
                     feedback: range(found.family.iter().map(|m| Some(m.feedback.response(line.omega_rad_s).norm()))),
@@ -100,8 +105,9 @@ impl NearOptimal {
             lines,
         };
         let count = found.optimum.near_optimal;
-        let family_is_complete = family.len() < MOST_NEAR || family.len() as u64 >= count;
-        Self { within: NEAR, count, family_is_complete, family, spread }
+        let is_whole = family.len() < MOST_NEAR || family.len() as u64 >= count;
+        let family_is_complete = is_whole && !found.optimum.near_is_cut;
+        Self { within: NEAR, rounding: found.rounding, count, family_is_complete, family, spread }
     }
 
     /// Says where nearly equal fits mean different controllers.
@@ -124,7 +130,8 @@ impl NearOptimal {
             warnings.push(Warning::new(
                 "flat_optimum",
                 format!(
-                    "{which} within {:.0} % of the smallest cost have {}: the data hardly tell them apart",
+                    "{which} within {:.0} % of the smallest cost, or within rounding of it, have {}: the data hardly tell \
+                     them apart",
                     100.0 * self.within,
                     said.join(" and ")
                 ),
@@ -135,7 +142,14 @@ impl NearOptimal {
 
 fn near(found: &Identified, member: &Member, band_rad_s: (f64, f64)) -> NearCandidate {
     // The band was good for the best candidate, so an error can only be none.
-    let metrics = controller_metrics(&found.plant, &member.feedforward, &member.feedback, band_rad_s).ok();
+    let metrics = controller_metrics_delayed(
+        &found.plant,
+        found.plant_delay_s,
+        &member.feedforward,
+        &member.feedback,
+        band_rad_s,
+    )
+    .ok();
     NearCandidate {
         index: member.index,
         cost: member.cost,

@@ -1,7 +1,7 @@
 //! What is identified from: trials, or frequency data in the request.
 
 use crate::analysis::inputs::data::{
-    Responses, TrialsOrResponses, check_frequencies, check_responses, check_variances, wrong_data,
+    Responses, TrialsOrResponses, check_frequencies, check_responses, check_variances, in_order, increasing, wrong_data,
 };
 use crate::analysis::problem::{Code, Problem};
 use crate::response::FrequencyData;
@@ -17,7 +17,7 @@ pub type SsidInputs = TrialsOrResponses<SsidResponses>;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SsidResponses {
-    /// Angular frequencies in rad/s, not negative, increasing.
+    /// Angular frequencies in rad/s, not negative, each once; they are sorted.
     pub omega_rad_s: Vec<f64>,
     /// The response at each as `[re, im]`.
     pub h: Vec<[f64; 2]>,
@@ -54,6 +54,16 @@ impl Responses for SsidResponses {
             return Err(wrong_data(detail, "averages"));
         }
         check_variances(self.variance.as_deref(), lines, "variance")
+    }
+
+    fn sorted(self) -> Self {
+        let order = increasing(&self.omega_rad_s);
+        Self {
+            omega_rad_s: in_order(&self.omega_rad_s, &order),
+            h: in_order(&self.h, &order),
+            variance: self.variance.map(|variance| in_order(&variance, &order)),
+            averages: self.averages,
+        }
     }
 
     /// Matrices belong to `ssid_mimo`.

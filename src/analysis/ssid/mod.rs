@@ -20,7 +20,7 @@ use super::inputs::data::{PlantAndResponses, TrialsOrResponses};
 use super::inputs::fitted::Resolved;
 use super::inputs::frequency_problem;
 use super::inputs::library::Library;
-use super::inputs::plant::check_plant;
+use super::inputs::plant::check_delayed_plant;
 use super::inputs::pool_problem;
 use super::inputs::trials::ResolvedTrial;
 use super::kind::Kind;
@@ -28,11 +28,11 @@ use super::problem::{Code, Problem};
 use super::report::{Effort, Warning};
 use crate::control::{System, TransferFunction};
 use crate::ctl::{Ctl, Phase};
-use crate::identify::refine::Refined;
+use crate::identify::refine::{Delay, Delays, Refined};
 use crate::identify::search::Automatic;
-use crate::identify::ssid::{Identified, Settings, SsidError, Weights, identify};
+use crate::identify::ssid::{Identified, Settings, SsidError, Weights, identify_delayed};
 use crate::identify::validation::simulated_vaf;
-use crate::learning::frequency_domain::{ControllerMetrics, controller_metrics};
+use crate::learning::frequency_domain::{ControllerMetrics, controller_metrics_delayed};
 use crate::response::{Channels, Estimate, FrequencyError, Repeats, VarianceSource, estimate_between, repeats};
 use crate::trial::Trial;
 pub use delay_spec::{DelayRange, DelaySpec, DelayValueSpec};
@@ -57,6 +57,8 @@ pub struct Plan {
 /// What the inputs give the identification.
 struct Material {
     plant: System,
+    /// The delay behind a continuous plant.
+    plant_delay_s: f64,
     data: crate::response::FrequencyData,
     trials: Vec<ResolvedTrial>,
     /// Trials that are only simulated.
@@ -86,7 +88,7 @@ impl Analysis for Plan {
     fn check(inputs: SsidInputs, spec: SsidSpec) -> Result<Self, Problem> {
         let spec = Box::new(CheckedSpec::new(spec, inputs.is_responses())?);
         if let Some(plant) = inputs.inline_plant() {
-            check_plant(plant, "/inputs/plant")?;
+            check_delayed_plant(plant, "/inputs/plant")?;
         }
         Ok(Self { inputs, spec })
     }
@@ -102,8 +104,12 @@ impl Analysis for Plan {
     /// Progress counts candidates.
     fn run(&self, library: &Library, ctl: &Ctl) -> Result<Outcome<SsidResult>, Failure> {
         ctl.enter(Phase::Data, DATA);
-        let Material { plant, data, trials, held_out, noise, repeats, mut warnings } = self.material(library, ctl)?;
+        let Material { plant, plant_delay_s, data, trials, held_out, noise, repeats, mut warnings } =
+            self.material(library, ctl)?;
         let used = &self.spec.used;
+        if plant_delay_s > 0.0 {
+            self.refuse_beside_plant_delay(plant_delay_s)?;
+        }
         let settings = Settings {
             recipe: self.spec.recipe.clone(),
             weights: self.spec.weights,
@@ -113,21 +119,24 @@ impl Analysis for Plan {
         let search = Automatic { method: self.spec.search, pools: &*library.pools };
         let shares = self.shares();
         let in_search = ctl.scope(shares.search);
-        let found = identify(&plant, &data, &settings, &search, ctl).map_err(|error| match error {
-            SsidError::Stopped(stopped) => Failure::Stopped(stopped),
-            SsidError::Interrupted(interrupted) => Failure::Interrupted {
-                stopped: interrupted.stopped,
-                incumbent: Box::new(Incumbent {
-                    feedforward: interrupted.feedforward.to_model(),
-                    feedback: interrupted.feedback.to_model(),
-                }),
-            },
-            error => Failure::Problem(pool_problem::problem(&error)),
-        })?;
+        let found =
+            identify_delayed(&plant, plant_delay_s, &data, &settings, &search, ctl).map_err(|error| match error {
+                SsidError::Stopped(stopped) => Failure::Stopped(stopped),
+                SsidError::Interrupted(interrupted) => Failure::Interrupted {
+                    stopped: interrupted.stopped,
+                    incumbent: Box::new(Incumbent {
+                        feedforward: interrupted.feedforward.to_model(),
+                        feedback: interrupted.feedback.to_model(),
+                    }),
+                },
+                error => Failure::Problem(pool_problem::problem(&error)),
+            })?;
         drop(in_search);
         warnings.extend(found.findings.iter().map(|f| Warning::new(f.code, f.message.clone())));
         let metrics = self.metrics(&found)?;
-        let vaf = validate(&found.plant, [&found.feedforward, &found.feedback], &trials, Some(&mut warnings));
+        let band_rad_s = metrics.band_rad_s;
+        let vaf =
+            validate(&found, [&found.feedforward, &found.feedback], &trials, metrics.band_rad_s, Some(&mut warnings));
         let mut result = SsidResult::new(&found, metrics, vaf, trials.is_empty());
         result.near_optimal.warn(&mut warnings);
         if let (Some(delays), Some(period)) = (self.spec.delays.as_ref(), found.plant.sample_time_s()) {
@@ -144,27 +153,35 @@ impl Analysis for Plan {
         }
         let mut held = (!held_out.is_empty()).then(|| HeldOut {
             pool: SimulatedVafResult::of(validate(
-                &found.plant,
+                &found,
                 [&found.feedforward, &found.feedback],
                 &held_out,
+                band_rad_s,
                 Some(&mut warnings),
             )),
             refined: None,
         });
         if self.spec.refine {
+            // The plant's delay is one of both controllers to whatever comes after them.
+            let own_delays = (found.plant_delay_s > 0.0).then(|| Delays {
+                feedback: Delay::Grid(vec![found.plant_delay_s]),
+                feedforward: Delay::Grid(vec![found.plant_delay_s]),
+            });
             let questions = Questions {
                 structure: self.spec.recipe.structure(),
                 noise: noise.as_ref(),
                 is_weighted_by_noise: self.spec.weights == Weights::InverseVariance,
                 bootstrap: used.bootstrap,
-                delays: self.spec.delays.as_ref(),
+                delays: own_delays.as_ref().or(self.spec.delays.as_ref()),
                 start: delayed.as_ref(),
             };
             let _refining = ctl.scope(shares.refinement);
             match refined::refine(&found, &questions, &mut warnings, ctl).map_err(Failure::Stopped)? {
                 Ok((controllers, mut refined)) => {
                     let simulated = |trials: &[ResolvedTrial]| match with_delays(&controllers) {
-                        Ok([feedforward, feedback]) => validate(&found.plant, [&feedforward, &feedback], trials, None),
+                        Ok([feedforward, feedback]) => {
+                            validate(&found, [&feedforward, &feedback], trials, band_rad_s, None)
+                        }
                         Err(reason) => not_simulated(trials, reason),
                     };
                     refined.simulated_vaf = simulated(&trials);
@@ -246,17 +263,26 @@ impl Plan {
     fn material(&self, library: &Library, ctl: &Ctl) -> Result<Material, Failure> {
         match &self.inputs {
             TrialsOrResponses::Responses(PlantAndResponses { plant, frequency_response: data }) => {
-                let system = check_plant(plant, "/inputs/plant")?;
+                let (system, plant_delay_s) = check_delayed_plant(plant, "/inputs/plant")?;
                 let noise = data.variance.as_ref().map(|variance| KnownNoise {
                     variance: data.omega_rad_s.iter().copied().zip(variance.iter().copied()).collect(),
                     degrees_of_freedom: data.averages.map_or(f64::INFINITY, |n| 2.0 * (f64::from(n) - 1.0)),
                     are_independent: true,
                 });
                 let (trials, held_out, warnings) = (Vec::new(), Vec::new(), Vec::new());
-                Ok(Material { plant: system, data: data.data(), trials, held_out, noise, repeats: None, warnings })
+                Ok(Material {
+                    plant: system,
+                    plant_delay_s,
+                    data: data.data(),
+                    trials,
+                    held_out,
+                    noise,
+                    repeats: None,
+                    warnings,
+                })
             }
             TrialsOrResponses::Trials(inputs) => {
-                let Resolved { plant, fitted: resolved, held_out } = inputs.resolve(library)?;
+                let Resolved { plant, plant_delay_s, fitted: resolved, held_out } = inputs.resolve(library)?;
                 let trials: Vec<&Trial> = resolved.iter().map(ResolvedTrial::trial).collect();
                 let Some(settings) = &self.spec.frequency else {
                     // The spec of trials always has settings; see `CheckedSpec::new`.
@@ -281,9 +307,27 @@ impl Plan {
                 warnings.extend(estimate.warnings.iter().map(Warning::from));
                 warnings.extend(divergent_warning(&held_out));
                 let (data, noise) = (estimate.data(), noise_of(&estimate));
-                Ok(Material { plant, data, trials: resolved, held_out, noise, repeats, warnings })
+                Ok(Material { plant, plant_delay_s, data, trials: resolved, held_out, noise, repeats, warnings })
             }
         }
+    }
+
+    /// What a plant with a delay in continuous time is not answered with.
+    fn refuse_beside_plant_delay(&self, delay_s: f64) -> Result<(), Problem> {
+        if self.spec.recipe.sampled == Some(true) {
+            return Ok(());
+        }
+        let used = &self.spec.used;
+        for (is_asked, at) in [(used.delay.is_some(), "/spec/delay"), (used.structures.is_some(), "/spec/structures")] {
+            if is_asked {
+                let detail = format!("the plant has a delay of {delay_s} s itself, which this is not computed with");
+                return Err(Problem::new(Code::Invalid, "delays of plant and person", detail).at(at).mend(
+                    "Leave it out; or give the plant without delay_s, with its delay added to those of feedback and \
+                     feedforward in spec.delay.",
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// Norms over the band of the spec, or of the lines.
@@ -296,7 +340,8 @@ impl Plan {
             },
             |[low, high]| (low * std::f64::consts::TAU, high * std::f64::consts::TAU),
         );
-        controller_metrics(&found.plant, &found.feedforward, &found.feedback, band).map_err(|error| {
+        let (plant, delay_s) = (&found.plant, found.plant_delay_s);
+        controller_metrics_delayed(plant, delay_s, &found.feedforward, &found.feedback, band).map_err(|error| {
             Problem::new(Code::Invalid, "unusable band", error.to_string())
                 .at("/spec/band_hz")
                 .mend("Give a band within the lines, below the Nyquist frequency.")
@@ -315,6 +360,8 @@ fn noise_of(estimate: &Estimate) -> Option<KnownNoise> {
             (2.0 * (fewest as f64 - 1.0), true)
         }
         VarianceSource::NearbyLines => (NEARBY_DEGREES, false),
+        // Neighbouring lines share data: their estimates are not independent.
+        VarianceSource::LocalPolynomial => (estimate.degrees_of_freedom?, false),
     };
     let lines = estimate.omega_rad_s.iter().zip(&estimate.variance);
     let variance = lines.filter_map(|(omega, variance)| variance.map(|v| (*omega, v))).collect();
@@ -347,6 +394,8 @@ fn not_simulated(trials: &[ResolvedTrial], reason: &str) -> Vec<TrialVaf> {
         trial: trial.name.clone(),
         y: None,
         u: None,
+        y_in_band: None,
+        u_in_band: None,
         reason: Some(reason.to_owned()),
     };
     trials.iter().map(of).collect()
@@ -355,11 +404,15 @@ fn not_simulated(trials: &[ResolvedTrial], reason: &str) -> Vec<TrialVaf> {
 /// Simulates a loop (feedforward, feedback) on each trial; what cannot be simulated becomes a warning where warnings
 /// are wanted.
 fn validate(
-    plant: &System,
+    found: &Identified,
     [feedforward, feedback]: [&System; 2],
     trials: &[ResolvedTrial],
+    band_rad_s: [f64; 2],
     mut warnings: Option<&mut Vec<Warning>>,
 ) -> Vec<TrialVaf> {
+    if found.plant_delay_s > 0.0 {
+        return not_simulated(trials, "a continuous plant with a delay is not simulated");
+    }
     let mut warn = |code: &'static str, message: String| {
         if let Some(warnings) = &mut warnings {
             warnings.push(Warning::new(code, message));
@@ -369,24 +422,38 @@ fn validate(
         .iter()
         .map(|trial| {
             let name = trial.name.clone();
-            match simulated_vaf(trial.trial(), plant, feedforward, feedback) {
+            match simulated_vaf(trial.trial(), &found.plant, feedforward, feedback, band_rad_s) {
                 Ok(vaf) => {
-                    if vaf.output < 0.0 {
+                    if vaf.output_in_band.unwrap_or(vaf.output) < 0.0 {
                         warn(
                             "simulation_fails",
                             format!(
                                 "the identified loop, simulated from the command of {name}, explains none of the \
-                                 recorded output \
+                                 recorded output within the identified band \
                                  (variance accounted for {:.3}), although it fits the frequency data",
-                                vaf.output
+                                vaf.output_in_band.unwrap_or(vaf.output)
                             ),
                         );
                     }
-                    TrialVaf { trial: name, y: Some(vaf.output), u: vaf.control, reason: vaf.control_unavailable }
+                    TrialVaf {
+                        trial: name,
+                        y: Some(vaf.output),
+                        u: vaf.control,
+                        y_in_band: vaf.output_in_band,
+                        u_in_band: vaf.control_in_band,
+                        reason: vaf.control_unavailable,
+                    }
                 }
                 Err(error) => {
                     warn("not_simulated", format!("{name}: {error}"));
-                    TrialVaf { trial: name, y: None, u: None, reason: Some(error.to_string()) }
+                    TrialVaf {
+                        trial: name,
+                        y: None,
+                        u: None,
+                        y_in_band: None,
+                        u_in_band: None,
+                        reason: Some(error.to_string()),
+                    }
                 }
             }
         })

@@ -66,6 +66,12 @@ pub struct SimulatedVafResult {
     pub y: Option<f64>,
     /// Of the control; the mean over the trials.
     pub u: Option<f64>,
+    /// Of the output within the band of `metrics`; the mean over the trials.
+    #[serde(default)]
+    pub y_in_band: Option<f64>,
+    /// Of the control within the band of `metrics`; the mean over the trials.
+    #[serde(default)]
+    pub u_in_band: Option<f64>,
     /// Trial by trial.
     pub trials: Vec<TrialVaf>,
 }
@@ -79,6 +85,12 @@ pub struct TrialVaf {
     pub y: Option<f64>,
     /// Of the control.
     pub u: Option<f64>,
+    /// Of the output's sinusoids within the band of `metrics`; above it the model is not constrained by the data.
+    #[serde(default)]
+    pub y_in_band: Option<f64>,
+    /// Of the control's.
+    #[serde(default)]
+    pub u_in_band: Option<f64>,
     /// Why one of them is null.
     pub reason: Option<String>,
 }
@@ -116,7 +128,7 @@ pub struct SsidResult {
     pub simulated_vaf: Option<SimulatedVafResult>,
     /// Why `simulated_vaf` is null.
     pub simulated_vaf_reason: Option<String>,
-    /// `simulated_vaf.y` once more, as a number on its own.
+    /// `simulated_vaf.y_in_band` once more, as a number on its own.
     pub variance_accounted_for: Option<f64>,
     /// A local optimum near the best candidate, with its uncertainty; null where there is none.
     pub refined: Option<RefinedResult>,
@@ -139,7 +151,13 @@ pub struct HeldOut {
 
 impl SimulatedVafResult {
     pub(super) fn of(trials: Vec<TrialVaf>) -> Self {
-        Self { y: mean(trials.iter().map(|t| t.y)), u: mean(trials.iter().map(|t| t.u)), trials }
+        Self {
+            y: mean(trials.iter().map(|t| t.y)),
+            u: mean(trials.iter().map(|t| t.u)),
+            y_in_band: mean(trials.iter().map(|t| t.y_in_band)),
+            u_in_band: mean(trials.iter().map(|t| t.u_in_band)),
+            trials,
+        }
     }
 }
 
@@ -197,7 +215,7 @@ impl SsidResult {
                 .collect(),
             identifiability: found.identifiability.clone(),
             metrics,
-            variance_accounted_for: simulated_vaf.as_ref().and_then(|v| v.y),
+            variance_accounted_for: simulated_vaf.as_ref().and_then(|v| v.y_in_band),
             simulated_vaf,
             simulated_vaf_reason: is_frequency_data
                 .then(|| "the request carries frequency data, and no trial to simulate".to_owned()),

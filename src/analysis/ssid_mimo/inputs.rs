@@ -1,7 +1,9 @@
 //! What is identified from: a plant and matrices of frequency data in the request.
 
 use crate::analysis::contract::{Inputs, Part};
-use crate::analysis::inputs::data::{check_frequencies, check_responses, check_variances, wrong_data};
+use crate::analysis::inputs::data::{
+    check_frequencies, check_responses, check_variances, in_order, increasing, wrong_data,
+};
 use crate::analysis::problem::Problem;
 use crate::analysis::reading::wrong_inputs as wrong;
 use crate::control::MultivariableModel;
@@ -36,7 +38,7 @@ pub struct SsidMimoInputs {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MatrixResponses {
-    /// Angular frequencies in rad/s, not negative, increasing.
+    /// Angular frequencies in rad/s, not negative, each once; they are sorted.
     pub omega_rad_s: Vec<f64>,
     /// The response at each: rows are measured outputs, columns are commands, entries `[re, im]`.
     pub h: Vec<Vec<Vec<[f64; 2]>>>,
@@ -86,6 +88,15 @@ impl MatrixResponses {
         }
         check_variances(self.variance.as_deref(), lines, "variance")
     }
+
+    fn sorted(self) -> Self {
+        let order = increasing(&self.omega_rad_s);
+        Self {
+            omega_rad_s: in_order(&self.omega_rad_s, &order),
+            h: in_order(&self.h, &order),
+            variance: self.variance.map(|variance| in_order(&variance, &order)),
+        }
+    }
 }
 
 impl Inputs for SsidMimoInputs {}
@@ -134,6 +145,7 @@ impl Part for SsidMimoInputs {
         }
         let frequency_response: MatrixResponses = read(data, "/inputs/frequency_response")?;
         frequency_response.check()?;
+        let frequency_response = frequency_response.sorted();
         let plant = member("plant")
             .ok_or_else(|| wrong("there is no plant", "/inputs").mend("Give the plant beside the data."))?;
         let outputs = |name: &str| member(name).map(|value| read(value, &format!("/inputs/{name}"))).transpose();

@@ -42,7 +42,7 @@ pub(super) fn problem(error: &MimoError) -> Problem {
             .mend("Give one row for each measured output and one column for each fed-back output."),
         MimoError::FewOutputs { .. } => new(Code::NotIdentifiable, "fewer outputs than controls")
             .at("/inputs/plant")
-            .mend("Measure as many outputs as there are controls, or merge controls."),
+            .mend("Measure as many outputs as there are controls, merge controls, or use more lines."),
         MimoError::TooLarge { .. } => new(Code::Unaffordable, "plant too large").at("/inputs/plant"),
         MimoError::TooManyDerivatives { .. } => new(Code::Unaffordable, "problem too large")
             .at("/inputs/frequency_response")

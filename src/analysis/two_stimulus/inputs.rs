@@ -1,7 +1,7 @@
 //! What is estimated from: trials, or the loop's responses in the request; and trials to validate on.
 
 use crate::analysis::inputs::data::{
-    Responses, TrialsOrResponses, check_frequencies, check_responses, check_variances, wrong_data,
+    Responses, TrialsOrResponses, check_frequencies, check_responses, check_variances, in_order, increasing, wrong_data,
 };
 use crate::analysis::problem::{Code, Problem};
 use crate::two_stimulus::responses::LineResponse;
@@ -15,7 +15,7 @@ pub type TwoStimulusInputs = TrialsOrResponses<TwoStimulusResponses>;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TwoStimulusResponses {
-    /// Angular frequencies in rad/s, positive, increasing.
+    /// Angular frequencies in rad/s, positive, each once; they are sorted.
     pub omega_rad_s: Vec<f64>,
     /// The response from command to output at each as `[re, im]`; null where the command does not excite the line.
     pub h_yr: Vec<Option<[f64; 2]>>,
@@ -45,6 +45,17 @@ impl Responses for TwoStimulusResponses {
         }
         check_variances(self.variance_yr.as_deref(), lines, "variance_yr")?;
         check_variances(self.variance_yd.as_deref(), lines, "variance_yd")
+    }
+
+    fn sorted(self) -> Self {
+        let order = increasing(&self.omega_rad_s);
+        Self {
+            omega_rad_s: in_order(&self.omega_rad_s, &order),
+            h_yr: in_order(&self.h_yr, &order),
+            h_yd: in_order(&self.h_yd, &order),
+            variance_yr: self.variance_yr.map(|variance| in_order(&variance, &order)),
+            variance_yd: self.variance_yd.map(|variance| in_order(&variance, &order)),
+        }
     }
 }
 

@@ -180,7 +180,8 @@ impl Plan {
         let spec = &self.spec;
         let logs: Vec<f64> = lines.iter().map(|line| line.omega_rad_s.ln()).collect();
         let scale = crate::num::stats::mean(&logs).map_or(1.0, f64::exp);
-        let person = Person::new(plant, structure, spec.delay_s, scale).map_err(|error| {
+        let person = Person::new(plant, structure, spec.delay_s, scale);
+        let person = person.map(|person| person.with_feedforward_delay(spec.feedforward_delay_s)).map_err(|error| {
             Problem::new(Code::Invalid, "unusable structure", error.to_string())
                 .at(format!("/spec/structures/{position}/feedback"))
                 .mend("Lower the degree of the feedback's numerator, or add a lag.")
@@ -234,7 +235,15 @@ impl Plan {
                 Ok(Material { plant: system, lines, stimuli, held_out_stimuli, trials, held_out, warnings })
             }
             TrialsOrResponses::Trials(inputs) => {
-                let Resolved { plant, fitted: trials, held_out } = inputs.resolve(library)?;
+                let Resolved { plant, plant_delay_s, fitted: trials, held_out } = inputs.resolve(library)?;
+                if plant_delay_s > 0.0 {
+                    let detail =
+                        format!("the plant has a delay of {plant_delay_s} s, which only ssid takes in continuous time");
+                    return Err(Problem::new(Code::Invalid, "plant with a delay", detail)
+                        .at("/inputs")
+                        .mend("Give the plant in sampled time, with a delay of whole samples.")
+                        .into());
+                }
                 let refs: Vec<&Trial> = trials.iter().map(ResolvedTrial::trial).collect();
                 let Some(settings) = &self.spec.frequency else {
                     // The spec of trials always has settings; see `CheckedSpec::new`.

@@ -54,9 +54,13 @@ pub struct TwoStimulusSpec {
     /// request.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub channel: Option<Channel>,
-    /// The range in which delays are sought. Default: 0.02 to 1 s.
+    /// The range in which the feedback's delay is sought. Default: 0.02 to 1 s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub delay_s: Option<[f64; 2]>,
+    /// The range in which the feedforward's delay is sought; a negative one looks ahead, as who sees the command coming
+    /// can. Default: from -0.5 s to the feedback's longest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub feedforward_delay_s: Option<[f64; 2]>,
     /// Starts of each fit. Default: 8.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub starts: Option<usize>,
@@ -87,8 +91,10 @@ pub(super) struct CheckedSpec {
     pub structures: Vec<Structure>,
     /// Which responses are fitted.
     pub channel: Channel,
-    /// The range in which delays are sought, in seconds.
+    /// The range in which the feedback's delay is sought, in seconds.
     pub delay_s: [f64; 2],
+    /// The range in which the feedforward's is.
+    pub feedforward_delay_s: [f64; 2],
     /// Starts of each fit.
     pub starts: usize,
     /// The seed of the starts.
@@ -153,6 +159,14 @@ impl CheckedSpec {
                 "/spec/delay_s",
             ));
         }
+        let feedforward_delay_s = written.feedforward_delay_s.unwrap_or([-0.5, delay_s[1]]);
+        let [low, high] = feedforward_delay_s;
+        if !(low >= -10.0 && low < high && high <= 10.0) {
+            return Err(wrong(
+                format!("delays from {low} to {high} s are no range within -10 to 10 s"),
+                "/spec/feedforward_delay_s",
+            ));
+        }
         let starts = written.starts.unwrap_or(8);
         if !(1..=MOST_STARTS).contains(&starts) {
             return Err(wrong(format!("there are {starts} starts; 1 to {MOST_STARTS} are made"), "/spec/starts"));
@@ -175,11 +189,23 @@ impl CheckedSpec {
             feedback_denominator_degree: structure.map(|s| s.feedback_denominator),
             channel: Some(channel),
             delay_s: Some(delay_s),
+            feedforward_delay_s: Some(feedforward_delay_s),
             starts: Some(starts),
             seed: Some(seed),
             regularise: Some(regularise),
         };
-        Ok(Self { used, recipe, frequency, structures, channel, delay_s, starts, seed, regularise })
+        Ok(Self {
+            used,
+            recipe,
+            frequency,
+            structures,
+            channel,
+            delay_s,
+            feedforward_delay_s,
+            starts,
+            seed,
+            regularise,
+        })
     }
 
     /// The pool, with the most candidates that are searched.

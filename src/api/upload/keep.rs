@@ -6,9 +6,11 @@ use super::files::{Budget, File, Read};
 use crate::analysis::{Code, Problem, Warning};
 use crate::api::problem::{ApiError, ApiResult, internal};
 use crate::api::state::{AppState, Limits};
-use crate::learning::time_domain;
+use crate::control::Model;
+use crate::learning::{recording, time_domain};
 use crate::num::hexadecimal::hexadecimal;
 use crate::store::{Created, IdempotencyKey, NewTrial, Plant, StoreError, Subject, TrialFilter, TrialRecord};
+use crate::trial::Trial;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -23,6 +25,11 @@ pub(super) struct Said {
     pub(crate) name: Option<String>,
     pub(crate) ignored_columns: Vec<String>,
     pub(crate) warnings: Vec<Warning>,
+}
+
+/// What is doubtful about a recording, as it is kept with the trial.
+fn warnings_of(trial: &Trial, plant: &Model) -> Vec<Warning> {
+    recording::doubts(trial, Some(plant)).into_iter().map(|doubt| Warning::new(doubt.code, doubt.message)).collect()
 }
 
 /// Reads and measures the files; a number that is left to the server is 0 for now.
@@ -54,6 +61,8 @@ pub(super) fn parse_all(
                 ),
             ));
         }
+        let own = warnings_of(&trial, &plant.model);
+        warnings.extend(own.iter().cloned());
         let new = NewTrial {
             plant: wanted.plant,
             number: wanted.number.unwrap_or(0),
@@ -61,6 +70,7 @@ pub(super) fn parse_all(
             sha256: hexadecimal(&trial.content_sha256()),
             max_abs_output: measured.max_abs_output,
             metrics,
+            warnings: own,
             trial,
         };
         parsed.push((new, Said { name: file.name, ignored_columns, warnings }));

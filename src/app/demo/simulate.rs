@@ -67,6 +67,7 @@ pub async fn store_study(
                     sha256: hexadecimal(&trial.content_sha256()),
                     max_abs_output: metrics.max_abs_output,
                     metrics: serde_json::to_value(&metrics)?,
+                    warnings: Vec::new(),
                     trial,
                 };
                 let created = store.create_trials(subject, vec![new], None).await?;

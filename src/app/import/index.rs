@@ -186,7 +186,7 @@ fn model(record: &mut Map<String, Value>) -> Result<Option<TransferFunctionModel
         None => None,
         Some(v) => Some(v.as_f64().ok_or("plant_sample_time_s is no number")?),
     };
-    Ok(Some(TransferFunctionModel { num, den, sample_time_s }))
+    Ok(Some(TransferFunctionModel { num, den, sample_time_s, delay_s: None }))
 }
 
 fn coefficients(name: &str, value: Option<Value>) -> Result<Vec<f64>, String> {

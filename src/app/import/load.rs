@@ -2,10 +2,11 @@
 
 use super::index::{Index, Refused, Row};
 use super::plant_text;
-use crate::analysis::Problem;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId};
+use crate::analysis::{Problem, Warning};
 use crate::control::Model;
-use crate::learning::time_domain::metrics;
+use crate::learning::recording::{Doubt, doubts};
+use crate::learning::time_domain::{TimeDomainMetrics, metrics};
 use crate::num::hexadecimal::hexadecimal;
 use crate::plants::catalogue;
 use crate::store::{
@@ -194,11 +195,14 @@ impl<'a> Loader<'a> {
             let model = model.clone();
             tokio::task::spawn_blocking(move || measure(&path, &model)).await.map_err(|e| Stop::All(e.into()))?
         };
-        let (read, metrics) = measured.map_err(Stop::File)?;
+        let (read, metrics, doubts) = measured.map_err(Stop::File)?;
         let plant = self.plant(&plant_name, model).await?;
         let subject = self.subject(row).await?;
         let sha256 = hexadecimal(&read.trial.content_sha256());
         let max_abs_output = metrics.max_abs_output;
+        for doubt in &doubts {
+            self.outcome.notes.insert(format!("{}: {} ({})", row.file, doubt.message, doubt.code));
+        }
         let new = NewTrial {
             plant,
             number: row.number,
@@ -207,6 +211,7 @@ impl<'a> Loader<'a> {
             sha256: sha256.clone(),
             max_abs_output,
             metrics: serde_json::to_value(&metrics).map_err(|e| Stop::All(e.into()))?,
+            warnings: doubts.iter().map(|doubt| Warning::new(doubt.code, doubt.message.clone())).collect(),
         };
         let created = self.store.create_trials(subject, vec![new], None).await?;
         for one in created {
@@ -333,7 +338,9 @@ fn inside(folder: &Path, file: &str) -> Result<PathBuf, String> {
     }
 }
 
-fn measure(path: &Path, model: &Model) -> Result<(ReadTrial, crate::learning::time_domain::TimeDomainMetrics), String> {
+type Measured = (ReadTrial, TimeDomainMetrics, Vec<Doubt>);
+
+fn measure(path: &Path, model: &Model) -> Result<Measured, String> {
     let file = std::fs::File::open(path).map_err(|e| e.to_string())?;
     let mut source = BufReader::new(file);
     let packed = source.fill_buf().map_err(|e| e.to_string())?.starts_with(&[0x1f, 0x8b]);
@@ -341,7 +348,8 @@ fn measure(path: &Path, model: &Model) -> Result<(ReadTrial, crate::learning::ti
     let read = if packed { csv::read(GzipReader::new(source), &options) } else { csv::read(source, &options) };
     let read = read.map_err(|e| Problem::from(e).to_string())?;
     let metrics = metrics(&read.trial, model);
-    Ok((read, metrics))
+    let doubts = doubts(&read.trial, Some(model));
+    Ok((read, metrics, doubts))
 }
 
 fn resolve_plant(row: &Row, options: &PlantOptions) -> Result<(String, Model), String> {

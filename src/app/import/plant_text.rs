@@ -91,6 +91,7 @@ pub fn parse(text: &str) -> Result<Model, PlantTextError> {
         num: value.num.coefficients().to_vec(),
         den: value.den.coefficients().to_vec(),
         sample_time_s: None,
+        delay_s: None,
     }))
 }
 
@@ -292,8 +293,12 @@ mod tests {
 
     #[test]
     fn written_plants_are_read_back() {
-        let model =
-            TransferFunctionModel { num: vec![-2.0, 0.0, 4.4], den: vec![1.0, -1.0, 0.25, 0.0], sample_time_s: None };
+        let model = TransferFunctionModel {
+            num: vec![-2.0, 0.0, 4.4],
+            den: vec![1.0, -1.0, 0.25, 0.0],
+            sample_time_s: None,
+            delay_s: None,
+        };
         let text = write(&model);
         assert_eq!(text, "(-2s^2 + 4.4)/(s^3 - s^2 + 0.25s)");
         assert_eq!(parse(&text), Ok(Model::TransferFunction(model)));

@@ -69,11 +69,11 @@ pub enum MimoError {
         /// Fed-back outputs.
         fed_back: usize,
     },
-    /// Fewer outputs than controls: the feedforward is not determined.
+    /// Fewer outputs than controls, and the lines do not determine the feedforward.
     #[error(
-        "Gy is {measured}x{controls}: with fewer measured outputs than controls, several feedforwards have the same \
-         response \
-         (Zhang 2015, proposition 4.1)"
+        "Gy is {measured}x{controls}: with fewer measured outputs than controls each line tells less than there is to \
+         know, and all lines together leave feedforwards of this order with the same response (the matrix Ω₂ of Zhang \
+         2015, proposition 4.1, is rank deficient at the best feedback)"
     )]
     FewOutputs {
         /// Measured outputs.

@@ -102,7 +102,9 @@ impl Problem {
         let fraction = pool.fraction(coefficients, self.time);
         let (m, l) = (pool.controls(), pool.fed_back());
         let (lines, p) = (&self.lines.used, self.unknowns(m));
-        let rows = 2 * m * lines.len();
+        // With fewer measured outputs than controls a line has fewer equations than unknowns; the lines together decide.
+        let reached = lines.first().map_or(m, |line| line.root.nrows());
+        let rows = 2 * reached * lines.len();
         let mut columns = vec![vec![0.0; rows]; p];
         let mut targets = vec![vec![0.0; rows]; l];
         let size = p / m;
@@ -112,9 +114,9 @@ impl Problem {
             let a = &line.root * inverse.solve(&dfb)?;
             let b = (&line.target - &line.root * inverse.solve(&nfb)?) * self.turn[k];
             let put = |column: &mut Vec<f64>, i: usize, v: Complex64| {
-                (column[2 * (k * m + i)], column[2 * (k * m + i) + 1]) = (v.re, v.im);
+                (column[2 * (k * reached + i)], column[2 * (k * reached + i) + 1]) = (v.re, v.im);
             };
-            for i in 0..m {
+            for i in 0..reached {
                 for control in 0..m {
                     for (f, value) in self.functions[k].iter().enumerate() {
                         let unit =

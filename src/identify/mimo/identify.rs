@@ -104,9 +104,6 @@ pub fn check(plant: &Plant, data: &MatrixFrequencyData, settings: &Settings) -> 
             return Err(MimoError::ResponseSize { line, rows, columns, measured, fed_back });
         }
     }
-    if measured < controls {
-        return Err(MimoError::FewOutputs { measured, controls });
-    }
     let is_delayed = system.feedthrough().select_rows(&plant.fed_back).iter().all(|v| *v == 0.0);
     for (row, of) in pool.rows().iter().enumerate() {
         let (numerator, denominator) = (of.numerator_degree(), of.degree);
@@ -187,6 +184,10 @@ pub fn identify(
         radius,
         hidden: hidden_modes(plant, radius),
     })?;
+    let (measured, controls) = (plant.measured.len(), plant.system.inputs());
+    if measured < controls && !optimum.fit.is_unique {
+        return Err(MimoError::FewOutputs { measured, controls });
+    }
     if !optimum.fit.cost.is_finite() {
         return Err(MimoError::NotFinite("cost: the data are too large"));
     }

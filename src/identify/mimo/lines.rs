@@ -23,7 +23,7 @@ pub struct Line {
     pub omega_rad_s: f64,
     /// The point `e^{jωT}`.
     pub z: Complex64,
-    /// Gy there, n×m, of full column rank.
+    /// Gy there, n×m, of full column rank where it has as many rows as columns.
     pub measured: DMatrix<Complex64>,
     /// Gv there, l×m.
     pub fed_back: DMatrix<Complex64>,
@@ -31,9 +31,9 @@ pub struct Line {
     pub response: DMatrix<Complex64>,
     /// Weight of its squared residual, positive.
     pub weight: f64,
-    /// R of `√weight Gy = Q R`, m×m.
+    /// R of `√weight Gy = Q R`, m×m; `√weight Gy` itself where it has fewer rows than columns.
     pub root: DMatrix<Complex64>,
-    /// `√weight Q* H`, m×l.
+    /// `√weight Q* H`, m×l; `√weight H` where Gy has fewer rows than columns.
     pub target: DMatrix<Complex64>,
 }
 
@@ -90,13 +90,32 @@ impl Lines {
                 drop(Unusable::NoWeight);
             } else if let Some(value) = value {
                 let (gy, gv) = (value.select_rows(measured), value.select_rows(fed_back));
+                let scale = Complex64::new(weight.sqrt(), 0.0);
+                if gy.nrows() < gy.ncols() {
+                    // Nothing to separate: every response is reached, and whether by one feedforward alone is judged
+                    // over all lines together.
+                    if size(&gy) <= typical * SINGULAR {
+                        drop(Unusable::PlantZero);
+                        continue;
+                    }
+                    lines.used.push(Line {
+                        omega_rad_s: *omega,
+                        z: point(*omega),
+                        root: &gy * scale,
+                        target: h * scale,
+                        measured: gy,
+                        fed_back: gv,
+                        response: h.clone(),
+                        weight,
+                    });
+                    continue;
+                }
                 let decomposed = gy.clone().qr();
                 let (q, root) = (decomposed.q(), decomposed.r());
                 if is_singular(&root, typical) {
                     drop(Unusable::PlantZero);
                     continue;
                 }
-                let scale = Complex64::new(weight.sqrt(), 0.0);
                 let (root, weighted) = (root * scale, h * scale);
                 let target = q.adjoint() * &weighted;
                 // With as many controls as outputs every response is reached.
@@ -118,6 +137,12 @@ impl Lines {
             }
         }
         lines
+    }
+
+    /// Whether fewer outputs are measured than there are controls.
+    #[must_use]
+    pub fn is_wide(&self) -> bool {
+        self.used.first().is_some_and(|line| line.root.nrows() < line.root.ncols())
     }
 
     /// Real equations: two per line and entry of the response, one where everything is real.

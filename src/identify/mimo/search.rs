@@ -230,6 +230,18 @@ fn screen(
         cost,
         error,
     };
+    if problem.lines.is_wide() {
+        // The fast evaluation separates the controls at every line, which fewer outputs do not.
+        for rank in 0..stable.len() {
+            ctl.check()?;
+            let fit = problem.fit(pool, &pool.candidate(first + stable[rank].0));
+            let (cost, error) = fit.map_or((f64::INFINITY, f64::INFINITY), |fit| (fit.cost, fit.rounding));
+            if cost.is_finite() && cost - error <= (1.0 + NEAR) * bound {
+                found.open.push(opened(rank, cost, error));
+            }
+        }
+        return Ok(found);
+    }
     let Some(fixed) = Fixed::new(problem, pool, &upper) else {
         // Nothing is known of these but that they are stable.
         found.open = (0..stable.len()).map(|rank| opened(rank, f64::INFINITY, f64::INFINITY)).collect();

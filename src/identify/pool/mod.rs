@@ -6,6 +6,7 @@
 pub mod factor;
 pub mod feedback;
 mod feedback_lists;
+mod hidden;
 mod lists;
 mod peak;
 pub mod recipe;

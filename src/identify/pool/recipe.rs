@@ -3,6 +3,7 @@
 use super::factor::Factor;
 use super::feedback::FeedbackTable;
 use super::feedback_lists::{FeedbackLists, MappedPlant, Normalisation};
+use super::hidden::hidden_modes;
 use super::roots::RootPair;
 use super::routh::{self, LARGEST_DEGREE};
 use super::spec::PoolSpecError;
@@ -12,6 +13,8 @@ use crate::control::System;
 use crate::ctl::{Ctl, Stopped};
 use crate::identify::identifiability::Structure;
 use crate::identify::time::{Region, Time};
+use crate::num::linalg::NoConvergence;
+use num_complex::Complex64;
 
 /// The most combinations of denominator, numerator and gain whose stability is tested.
 const LARGEST_TABLE: u128 = 200_000_000_000;
@@ -237,9 +240,25 @@ pub enum PoolError {
         /// How many.
         combinations: u128,
     },
+    /// The roots of the plant's denominator were not found.
+    #[error(transparent)]
+    NoConvergence(NoConvergence),
     /// More candidates than 64 bits can number.
     #[error("more than 2^64 candidates")]
     Overflow,
+    /// Numerator and denominator of the plant share roots that no feedback moves.
+    #[error(
+        "numerator and denominator of the plant share the root{} {}, on or beyond the boundary of the stable region: a \
+         hidden mode, which no feedback from the output moves, so that no pool can hold a stable candidate",
+        if .modes.len() == 1 { "" } else { "s" },
+        roots_text(.modes, *.sampled)
+    )]
+    HiddenMode {
+        /// The roots.
+        modes: Vec<Complex64>,
+        /// Whether they are in the z-plane.
+        sampled: bool,
+    },
     /// No feedforward denominator is stable within the margin.
     #[error("none of the {0} feedforward denominators is stable within the margin")]
     NoFeedforward(usize),
@@ -249,6 +268,15 @@ pub enum PoolError {
          margin"
     )]
     NoFeedback(u128),
+}
+
+fn roots_text(roots: &[Complex64], sampled: bool) -> String {
+    let name = if sampled { "z" } else { "s" };
+    let one = |root: &Complex64| match (root.re, root.im) {
+        (re, 0.0) => format!("{name} = {re}"),
+        (re, im) => format!("{name} = {re:.6} ± {:.6}j", im.abs()),
+    };
+    roots.iter().map(one).collect::<Vec<_>>().join(", ")
 }
 
 impl Recipe {
@@ -378,6 +406,10 @@ impl Recipe {
         }
 
         let region = Region { time, margin: self.margin };
+        let modes = hidden_modes(num, den, region)?;
+        if !modes.is_empty() {
+            return Err(PoolError::HiddenMode { modes, sampled: time != Time::Continuous });
+        }
         let feedforward: Vec<Factor> = self
             .feedforward
             .factors(region, self.feedforward_denominator_degree)

@@ -41,7 +41,8 @@ pub(super) fn first_guess(cost: &Cost<'_>, responses: &[LineResponse], seed: u64
             "feedback_lag_s" => 0.2 * unit * factor,
             "feedforward_lag_s" | "neuromuscular_lag_s" => 0.1 * unit * factor,
             name if name.ends_with("_delay_s") => {
-                let [low, high] = parameter.range;
+                // A look ahead is where a fit may go, not where it starts.
+                let [low, high] = [parameter.range[0].max(0.0), parameter.range[1]];
                 (low + (high - low) * 0.25 * factor).min(low + 0.95 * (high - low))
             }
             name if name.contains("_denominator_") => factor * factor,

@@ -36,7 +36,7 @@ async fn an_analysis_is_queued_computed_and_reported() {
     let body = answer.json(200);
     assert_eq!(
         (&body["kind"], &body["schema"]),
-        (&json!("frequency_response"), &json!("volition.frequency_response/1"))
+        (&json!("frequency_response"), &json!("volition.frequency_response/2"))
     );
     assert!(body["result"]["h"].is_array() && body["warnings"].is_array());
     assert_eq!(body["provenance"]["spec_sha256"], finished["spec_sha256"]);

@@ -113,6 +113,7 @@ pub fn of_trial(plant: PlantId, number: i64, trial: Trial) -> NewTrial {
         session: Some(1),
         sha256: hexadecimal(&trial.content_sha256()),
         max_abs_output: trial.signals.output.iter().fold(0.0, |m: f64, y| m.max(y.abs())),
+        warnings: Vec::new(),
         metrics: json!({"mean_abs_error": 0.25}),
         trial,
     }

@@ -73,6 +73,8 @@ pub(super) struct Walk<'a> {
     /// An upper bound of the smallest cost, as bits: of positive numbers the order is the same.
     best: AtomicU64,
     near: f64,
+    /// Costs that differ by less cannot be told apart.
+    rounding: f64,
     ctl: &'a Ctl,
 }
 
@@ -91,7 +93,8 @@ impl<'a> Walk<'a> {
     pub(super) fn new(problem: &Problem, pool: &'a Pool, trees: &'a FactorTrees, near: f64, ctl: &'a Ctl) -> Self {
         let lines = Lines::new(problem);
         let feedforward = trees.feedforward.tree.nodes.iter().map(|node| Denominators::new(&lines, node)).collect();
-        Self { trees, pool, lines, feedforward, best: AtomicU64::new(f64::MAX.to_bits()), near, ctl }
+        let best = AtomicU64::new(f64::MAX.to_bits());
+        Self { trees, pool, lines, feedforward, best, near, rounding: problem.rounding(), ctl }
     }
 
     pub(super) fn worker_state(&self) -> WorkerState {
@@ -112,7 +115,8 @@ impl<'a> Walk<'a> {
 
     /// What costs more than this is not looked for.
     fn limit(&self) -> f64 {
-        (1.0 + self.near) * self.best()
+        let best = self.best();
+        ((1.0 + self.near) * best).max(best + self.rounding)
     }
 
     /// The pool, opened far enough to be shared out: most promising first.

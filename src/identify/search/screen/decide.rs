@@ -2,7 +2,7 @@
 
 use super::exact;
 use super::near::{Bracketed, nearest};
-use super::optimum::{Method, NEAR, Optimum};
+use super::optimum::{Method, Optimum};
 use crate::ctl::{Bracket, Ctl, Stopped};
 use crate::identify::pool::{Feedback, Pool, Position};
 use crate::identify::problem::Problem;
@@ -102,7 +102,7 @@ pub(crate) fn decide(problem: &Problem, pool: &Pool, harvest: Harvest, ctl: &Ctl
         .map(|(f, _)| pool.index(f.feedforward as usize, f.feedback))
         .min()
         .unwrap_or(0);
-    let near = (1.0 + NEAR) * cost;
+    let near = problem.near_limit(cost);
     found.retain(|f| may_reach(f.bound, near));
     let candidates = found.iter().map(|f| Bracketed { below: f.bound, above: f.above(), place: *f }).collect();
     let nearest = nearest(
@@ -131,5 +131,6 @@ pub(crate) fn decide(problem: &Problem, pool: &Pool, harvest: Harvest, ctl: &Ctl
         decided_by_qr: decided.into_inner(),
         near_optimal,
         near: nearest,
+        near_is_cut: false,
     })
 }

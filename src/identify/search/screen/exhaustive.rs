@@ -3,7 +3,7 @@
 use super::block::{Batch, Evaluator};
 use super::exact;
 use super::near::{Bracketed, nearest, prune};
-use super::optimum::{Method, NEAR, Optimum, Search};
+use super::optimum::{Method, Optimum, Search};
 use crate::ctl::{Bracket, Ctl, Stopped};
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
@@ -70,7 +70,7 @@ impl Search for Exhaustive {
             })
             .try_reduce(|| (f64::INFINITY, u64::MAX), |a, b| Ok(smaller(a, b)))?;
 
-        let near = (1.0 + NEAR) * cost;
+        let near = problem.near_limit(cost);
         let feedforward = pool.feedforward().len() as u64;
         let (near_optimal, found) = again(near)
             .into_par_iter()
@@ -115,6 +115,7 @@ impl Search for Exhaustive {
             decided_by_qr: decided.into_inner(),
             near_optimal,
             near: nearest,
+            near_is_cut: false,
         })
     }
 }

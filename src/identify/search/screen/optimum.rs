@@ -82,4 +82,7 @@ pub struct Optimum {
     /// index first. A controller without feedback is every stable feedback denominator with gain 0, and here once, with
     /// its lowest index.
     pub near: Vec<(u64, f64)>,
+    /// Whether candidates may be missing in `near` that cost as little: of a search it holds all of them, or the
+    /// [`MOST_NEAR`] best; what is taken out afterwards may end earlier.
+    pub near_is_cut: bool,
 }

@@ -112,13 +112,13 @@ impl Search for SensitivitySearch<'_> {
             bounded: states.iter().map(|state| state.counts.bounded).sum(),
             without_feedback: self.clusters.without_feedback.map_or(1, |(count, _)| count),
         };
-        decide(problem, pool, unique(harvest), ctl)
+        decide(problem, pool, unique(problem, harvest), ctl)
     }
 }
 
 /// Each candidate once: dives meet what the walk meets again.
-fn unique(mut harvest: Harvest) -> Harvest {
-    let limit = (1.0 + NEAR) * harvest.best;
+fn unique(problem: &Problem, mut harvest: Harvest) -> Harvest {
+    let limit = problem.near_limit(harvest.best);
     harvest.found.retain(|f| may_reach(f.bound, limit));
     let key = |f: &Found| (f.feedforward, f.feedback.denominator, f.feedback.numerator, f.feedback.gain_position);
     harvest.found.sort_by_key(key);

@@ -52,6 +52,8 @@ pub(crate) struct Walk<'a> {
     /// An upper bound of the smallest cost, as bits: of positive numbers the order is the same.
     best: AtomicU64,
     near: f64,
+    /// Costs that differ by less cannot be told apart.
+    rounding: f64,
     ctl: &'a Ctl,
 }
 
@@ -97,7 +99,8 @@ pub(crate) struct WorkerState {
 
 impl<'a> Walk<'a> {
     pub(crate) fn new(problem: &Problem, clusters: &'a Clusters, near: f64, ctl: &'a Ctl) -> Self {
-        Self { clusters, lines: Lines::new(problem), best: AtomicU64::new(f64::MAX.to_bits()), near, ctl }
+        let best = AtomicU64::new(f64::MAX.to_bits());
+        Self { clusters, lines: Lines::new(problem), best, near, rounding: problem.rounding(), ctl }
     }
 
     pub(crate) fn worker_state(&self) -> WorkerState {
@@ -122,7 +125,8 @@ impl<'a> Walk<'a> {
 
     /// What costs more than this is not looked for.
     fn limit(&self) -> f64 {
-        (1.0 + self.near) * self.best()
+        let best = self.best();
+        ((1.0 + self.near) * best).max(best + self.rounding)
     }
 
     /// Every denominator.

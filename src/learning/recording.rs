@@ -1,0 +1,305 @@
+//! What a recording must satisfy before anything is made of it.
+//!
+//! With the plant known, control and output are no two independent columns: `y = G (u + d)` from some initial state.
+//! The share of y that the best initial state leaves explained,
+//!
+//! `1 − Σ (y − ŷ)² / Σ (y − mean y)²`, `ŷ = C Φⁱ x₀ + (G (u + d))ᵢ`, x₀ by least squares,
+//!
+//! tells a recording whose columns are exchanged, scaled, shifted or of another plant. Between samples the control is
+//! held or goes straight on; the better of the two counts. A plant with a growing mode is judged piece by piece, each
+//! from its own initial state, no longer than the mode takes to grow ten thousandfold.
+
+use crate::control::discretise::{first_order_hold_state_space, zero_order_hold_state_space};
+use crate::control::{Discrete, Model, StateSpace, System, conversion};
+use crate::num::linalg;
+use crate::trial::Trial;
+use nalgebra::{DMatrix, DVector};
+
+/// Of less than this the output does not follow from the control through the plant.
+const EXPLAINED: f64 = 0.8;
+
+/// Two columns stand in each other's place if they explain this much, and this much more than as they are named.
+const EXCHANGED: f64 = 0.95;
+const CLEARLY: f64 = 0.3;
+
+/// Sample times and durations, in seconds, outside of which no human motion is recorded: slower than 4 Hz a movement of
+/// a second is three samples, and no device samples people at 100 kHz.
+const SAMPLE_TIME_S: std::ops::RangeInclusive<f64> = 1e-5..=0.25;
+const DURATION_S: std::ops::RangeInclusive<f64> = 1.0..=14_400.0;
+
+/// How much a mode may grow within a piece.
+const GROWTH: f64 = 1e4;
+
+/// Beside columns of length 1: modes that nothing sees have no direction of their own, and stay at rest.
+const RIDGE: f64 = 1e-13;
+
+/// Samples of a piece at least, beyond ten for each state.
+const PIECE: usize = 50;
+
+/// A finding about a recording.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Doubt {
+    /// A stable name, in `snake_case`.
+    pub code: &'static str,
+    /// The finding, in words and numbers, and what to do.
+    pub message: String,
+}
+
+fn doubt(code: &'static str, message: String) -> Doubt {
+    Doubt { code, message }
+}
+
+/// What is doubtful about a trial recorded on `plant`.
+#[must_use]
+pub fn doubts(trial: &Trial, plant: Option<&Model>) -> Vec<Doubt> {
+    let mut doubts = implausible_times(trial);
+    let signals = &trial.signals;
+    let disturbance = signals.disturbance.as_deref().filter(|d| moves(d));
+    let still: Vec<&str> = [
+        ("r", !moves(&signals.command) && disturbance.is_none()),
+        ("u", !moves(&signals.control)),
+        ("y", !moves(&signals.output)),
+    ]
+    .into_iter()
+    .filter_map(|(name, is_still)| is_still.then_some(name))
+    .collect();
+    for name in &still {
+        let message = format!(
+            "{name} is constant throughout{}: look whether the right column was read, and whether the device recorded it",
+            if *name == "r" { " and there is no disturbance" } else { "" }
+        );
+        doubts.push(doubt("constant_channel", message));
+    }
+    if let Some(plant) = plant {
+        doubts.extend(mismatch(trial, plant));
+    }
+    doubts
+}
+
+fn moves(column: &[f64]) -> bool {
+    column.iter().any(|x| *x != column[0])
+}
+
+fn implausible_times(trial: &Trial) -> Vec<Doubt> {
+    let mut doubts = Vec::new();
+    let step = trial.sample_time_s;
+    let duration = step * trial.samples() as f64;
+    if !SAMPLE_TIME_S.contains(&step) {
+        let guess = if trial.signals.time_s.is_some() && step >= 1.0 {
+            ": a time column in samples, milliseconds or microseconds reads like this; give it in seconds"
+        } else {
+            ": give it in seconds"
+        };
+        doubts.push(doubt(
+            "implausible_sample_time",
+            format!("the sample time is {step} s, which is none of human motion{guess}"),
+        ));
+    }
+    if !DURATION_S.contains(&duration) {
+        doubts.push(doubt(
+            "implausible_duration",
+            format!("the recording takes {duration} s, which is no trial of a person: look at the unit of time"),
+        ));
+    }
+    doubts
+}
+
+fn mismatch(trial: &Trial, plant: &Model) -> Option<Doubt> {
+    let signals = &trial.signals;
+    if !moves(&signals.output) {
+        return None;
+    }
+    let models = sampled(plant, trial.sample_time_s)?;
+    let disturbance = signals.disturbance.as_deref();
+    let share = |input: &[f64], output: &[f64]| {
+        models.iter().filter_map(|model| explained(model, input, disturbance, output)).reduce(f64::max)
+    };
+    let own = share(&signals.control, &signals.output)?;
+    if own >= EXPLAINED {
+        return None;
+    }
+    let others = [
+        ("r and u", &signals.command, &signals.output),
+        ("u and y", &signals.output, &signals.control),
+        ("r and y", &signals.control, &signals.command),
+    ];
+    for (names, input, output) in others {
+        if !(moves(input) && moves(output)) {
+            continue;
+        }
+        let Some(other) = share(input, output).filter(|other| *other >= EXCHANGED && *other >= own + CLEARLY) else {
+            continue;
+        };
+        let message = format!(
+            "{names} look exchanged: through the plant they explain {:.1} % of each other in this order, and {:.1} % as \
+             they are named",
+            100.0 * other,
+            100.0 * own.max(0.0)
+        );
+        return Some(doubt("channels_exchanged", message));
+    }
+    let with = if disturbance.is_some() { "u and d" } else { "u" };
+    Some(doubt(
+        "output_not_from_control",
+        format!(
+            "{with} through the plant explain {:.1} % of y, from the best initial state: the plant, the units, a column \
+             or a delay of the recording is not what it is taken for",
+            100.0 * own.max(0.0)
+        ),
+    ))
+}
+
+/// The share of y that the plant explains with `u` and `d`; `None` where that cannot be judged (several channels, a
+/// plant that cannot be sampled, an output that never moves).
+#[must_use]
+pub fn explained_output(trial: &Trial, plant: &Model) -> Option<f64> {
+    let signals = &trial.signals;
+    let models = sampled(plant, trial.sample_time_s)?;
+    let share = |model| explained(model, &signals.control, signals.disturbance.as_deref(), &signals.output);
+    models.iter().filter_map(share).reduce(f64::max)
+}
+
+/// The plant between samples: with its input held, and with its input going straight on.
+fn sampled(plant: &Model, sample_time_s: f64) -> Option<Vec<StateSpace<Discrete>>> {
+    let time = Discrete::new(sample_time_s).ok()?;
+    match plant.check().ok()? {
+        System::Continuous(system) => {
+            let model = conversion::to_state_space(&system).ok()?;
+            let held = zero_order_hold_state_space(&model, time).ok();
+            let straight = first_order_hold_state_space(&model, time).ok();
+            let models: Vec<_> = held.into_iter().chain(straight).collect();
+            (!models.is_empty()).then_some(models)
+        }
+        System::Discrete(system) => conversion::to_state_space(&system).ok().map(|model| vec![model]),
+    }
+}
+
+fn explained(model: &StateSpace<Discrete>, input: &[f64], disturbance: Option<&[f64]>, output: &[f64]) -> Option<f64> {
+    let states = model.states();
+    let fastest = model.poles().ok()?.iter().map(|p| p.norm()).fold(0.0, f64::max);
+    let least = PIECE + 10 * states;
+    let growing = fastest > 1.0 + 1e-9;
+    let length = if growing { (GROWTH.ln() / fastest.ln()) as usize } else { output.len() };
+    let length = length.min(output.len());
+    if growing && length < least {
+        return None;
+    }
+    let mean = output.iter().sum::<f64>() / output.len() as f64;
+    let variation: f64 = output.iter().map(|y| (y - mean).powi(2)).sum();
+    let mut missed = 0.0;
+    let pieces = (output.len() / length).max(1);
+    for piece in 0..pieces {
+        // The last one takes what is left over: less than as much again.
+        let end = if piece + 1 == pieces { output.len() } else { (piece + 1) * length };
+        missed += missed_by(model, input, disturbance, output, piece * length..end)?;
+    }
+    let share = 1.0 - missed / variation;
+    share.is_finite().then_some(share)
+}
+
+/// `min Σ (y − ŷ)²` over the initial state of a piece.
+fn missed_by(
+    model: &StateSpace<Discrete>,
+    input: &[f64],
+    disturbance: Option<&[f64]>,
+    output: &[f64],
+    piece: std::ops::Range<usize>,
+) -> Option<f64> {
+    let states = model.states();
+    let (a, b, c, d) = (model.a(), model.b().column(0), model.c().row(0), model.d()[(0, 0)]);
+    let samples = piece.len();
+    let mut state = DVector::<f64>::zeros(states);
+    let mut free = c.clone_owned();
+    let mut columns = DMatrix::<f64>::zeros(samples, states);
+    let mut left = DVector::<f64>::zeros(samples);
+    for (row, i) in piece.enumerate() {
+        let driven = input[i] + disturbance.map_or(0.0, |d| d[i]);
+        left[row] = output[i] - (c * &state)[(0, 0)] - d * driven;
+        columns.row_mut(row).copy_from(&free);
+        state = a * &state + b * driven;
+        free = &free * a;
+    }
+    if states == 0 {
+        return Some(left.norm_squared());
+    }
+    let scale = DVector::from_fn(states, |j, _| columns.column(j).norm().max(f64::MIN_POSITIVE));
+    for j in 0..states {
+        columns.column_mut(j).unscale_mut(scale[j]);
+    }
+    let gram = columns.transpose() * &columns + DMatrix::identity(states, states) * RIDGE;
+    let right = columns.transpose() * &left;
+    let start = linalg::solve_symmetric(&gram, &DMatrix::from_column_slice(states, 1, right.as_slice()));
+    let residual = &left - &columns * start.column(0);
+    let missed = residual.norm_squared();
+    missed.is_finite().then_some(missed.min(left.norm_squared()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trial::Signals;
+
+    fn plant(num: &[f64], den: &[f64]) -> Model {
+        serde_json::from_value(serde_json::json!({"num": num, "den": den})).unwrap()
+    }
+
+    fn recording(model: &Model, start: f64, swap: bool) -> Trial {
+        let step = 0.02;
+        let sampled = sampled(model, step).unwrap();
+        let model = &sampled[0];
+        let mut state = DVector::from_element(model.states(), start);
+        let (mut r, mut u, mut y) = (Vec::new(), Vec::new(), Vec::new());
+        for i in 0..1500 {
+            let t = step * f64::from(i);
+            y.push((model.c() * &state)[(0, 0)]);
+            r.push((2.1 * t).sin() + (0.7 * t).cos());
+            u.push(3.0 * (r[r.len() - 1] - y[y.len() - 1]) + 0.2 * (9.0 * t).sin());
+            state = model.a() * &state + model.b().column(0) * u[u.len() - 1];
+        }
+        let (command, control) = if swap { (u, r) } else { (r, u) };
+        Trial::new(step, Signals { time_s: None, command, control, output: y, disturbance: None }).unwrap()
+    }
+
+    fn codes(trial: &Trial, plant: &Model) -> Vec<&'static str> {
+        doubts(trial, Some(plant)).iter().map(|doubt| doubt.code).collect()
+    }
+
+    #[test]
+    fn whatever_the_initial_state_a_plant_explains_its_output() {
+        for model in [plant(&[1.0], &[1.0, 0.0]), plant(&[2.0, 4.4], &[1.0, 3.6, 4.0]), plant(&[4.0], &[1.0, -1.5])] {
+            for start in [0.0, 0.4, -2.0] {
+                let trial = recording(&model, start, false);
+                let share = explained_output(&trial, &model).unwrap();
+                assert!(share > 1.0 - 1e-9, "{model:?} {start}: {share}");
+                assert!(codes(&trial, &model).is_empty(), "{model:?} {start}");
+            }
+        }
+    }
+
+    #[test]
+    fn exchanged_constant_and_foreign_columns_are_told() {
+        let own = plant(&[2.0, 4.4], &[1.0, 3.6, 4.0]);
+        assert_eq!(codes(&recording(&own, 0.4, true), &own), ["channels_exchanged"]);
+        let mut trial = recording(&own, 0.4, false);
+        trial.signals.control.fill(0.0);
+        assert_eq!(codes(&trial, &own), ["constant_channel", "output_not_from_control"]);
+        let other = plant(&[-1.0], &[1.0, 0.2, 9.0]);
+        assert_eq!(codes(&recording(&own, 0.0, false), &other), ["output_not_from_control"]);
+    }
+
+    #[test]
+    fn times_that_are_none_of_a_person_are_told() {
+        let own = plant(&[1.0], &[1.0, 1.0]);
+        let base = recording(&own, 0.0, false).signals;
+        for (step, expected) in [
+            (20.0, &["implausible_sample_time", "implausible_duration"][..]),
+            (1.0, &["implausible_sample_time"]),
+            (1e-6, &["implausible_sample_time", "implausible_duration"]),
+            (0.01, &[]),
+        ] {
+            let trial = Trial::new(step, base.clone()).unwrap();
+            let found: Vec<&str> = implausible_times(&trial).iter().map(|d| d.code).collect();
+            assert_eq!(found, expected, "{step}");
+        }
+    }
+}
