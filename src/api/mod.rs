@@ -21,6 +21,7 @@ mod idempotency;
 mod kinds;
 mod learning_curves;
 mod learning_inputs;
+mod learning_reports;
 mod named;
 mod ops;
 mod plants;

@@ -7,6 +7,7 @@
 pub mod bode;
 pub mod correlation;
 pub mod curves;
+mod disagreement;
 pub mod frequency_domain;
 pub mod groups;
 pub mod inputs;
@@ -17,4 +18,7 @@ pub mod trend;
 pub use bode::{StudyFrequencyResponses, TrialSelection, study_frequency_responses};
 pub use curves::{CurveOptions, SubjectLearningCurve, subject_learning_curve};
 pub use groups::{StudyLearningCurves, study_learning_curves};
-pub use inputs::{Identification, PlantName, Remark, SpecChoice, SubjectInput, TrialInput, choose_spec};
+pub use inputs::{
+    Estimator, Identification, IdentifiedControllers, NormIntervals, PlantName, Remark, SpecChoice, StandardErrors,
+    SubjectInput, TrialInput, choose_spec,
+};

@@ -229,6 +229,13 @@ impl Estimate {
         self.part(record, &self.layout.moving_average)
     }
 
+    /// How many of a record's coefficients of the feedforward its command does not determine.
+    #[must_use]
+    pub fn undetermined(&self, record: usize) -> usize {
+        let covariance = &self.records[record].covariance;
+        self.layout.feedforward.clone().filter(|j| covariance.get((*j, *j)).is_none_or(|v| *v <= 0.0)).count()
+    }
+
     /// The parameters of a record.
     #[must_use]
     pub fn parameters(&self) -> usize {

@@ -7,7 +7,7 @@ use crate::control::conversion::{to_state_space, to_transfer_function};
 use crate::control::discretise::zero_order_hold;
 use crate::control::simulate::DelayLine;
 use crate::control::stability::is_schur_within;
-use crate::control::{Discrete, StateSpace, System, TimeBase as _, TransferFunction};
+use crate::control::{Discrete, StateSpace, System, TransferFunction};
 use crate::num::Polynomial;
 use nalgebra::DMatrix;
 
@@ -178,15 +178,20 @@ impl Law {
         feedforward[t] + past(control, &self.autoregressive, 1) + past(error, &self.feedback, self.least)
     }
 
-    /// Control and output simulated from command and disturbance, from rest; `None` where they run away.
+    /// Control and output simulated from command, disturbance and noise w, from rest; `None` where they run away.
     #[must_use]
-    pub fn simulate(&self, record: &Record, plant: &TransferFunction<Discrete>) -> Option<[Vec<f64>; 2]> {
+    pub fn simulate(
+        &self,
+        record: &Record,
+        plant: &TransferFunction<Discrete>,
+        noise: Option<&[f64]>,
+    ) -> Option<[Vec<f64>; 2]> {
         let feedforward = self.feedforward(&record.command);
         let mut line = DelayLine::new(plant, "plant").ok()?;
         let largest = record.output.iter().fold(0.0_f64, |a, y| a.max(y.abs()));
         let (mut u, mut y, mut e) = (Vec::new(), Vec::new(), Vec::new());
         for (t, r) in record.command.iter().enumerate() {
-            let control = self.next(t, &feedforward, &u, &e);
+            let control = self.next(t, &feedforward, &u, &e) + noise.map_or(0.0, |w| w[t]);
             let input = control + record.disturbance.as_ref().map_or(0.0, |d| d[t]);
             let output = line.step(input.into()).value();
             let is_bounded = output.abs() <= RUNAWAY * largest;
@@ -209,7 +214,7 @@ impl Law {
         let predicted: Vec<f64> =
             (first..last).map(|t| self.next(t, &feedforward, &record.control, &record.error)).collect();
         let one_step = record.control.get(first..last).and_then(|u| share(u, &predicted));
-        let simulated = plant.and_then(|plant| self.simulate(record, plant));
+        let simulated = plant.and_then(|plant| self.simulate(record, plant, None));
         let [control, output] = match &simulated {
             Some([u, y]) => [share(&record.control, u), share(&record.output, y)],
             None => [None, None],

@@ -2,11 +2,14 @@
 //! likelihood.
 #![allow(clippy::print_stdout, clippy::unwrap_used, missing_docs, unreachable_pub)]
 
+#[path = "../support/virtual_people.rs"]
+mod virtual_people;
 #[path = "../support/virtual_subjects.rs"]
 mod virtual_subjects;
 
 mod gain_fit;
 mod gain_fit_filter;
+mod prediction_error;
 mod response;
 mod response_doubts;
 mod ssid_appendix_b;
