@@ -26,6 +26,7 @@ kinds! {
     ssid,
     ssid_mimo,
     two_stimulus,
+    prediction_error,
     gain_fit,
     inverse_lqr,
     inverse_lqe,

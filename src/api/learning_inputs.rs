@@ -1,18 +1,15 @@
 //! Gathers from the store what learning curves and mean controllers are made from.
 
 use super::extract::{FromQuery, QueryText, off_thread};
+use super::learning_reports::identification;
 use super::problem::{ApiResult, unless_missing};
 use super::state::AppState;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId};
-use crate::analysis::{Analysis as _, Code, Problem, ssid};
-use crate::control::discretise::zero_order_hold;
-use crate::control::{Discrete, Model, System};
-use crate::learning::frequency_domain::ControllerMetrics;
-use crate::learning::inputs::{Identification, PlantName, Remark, StandardErrors, SubjectInput, TrialInput};
+use crate::analysis::{Analysis as _, Code, Kind, Problem, prediction_error, ssid, two_stimulus};
+use crate::learning::inputs::{Estimator, Identification, PlantName, Remark, SubjectInput, TrialInput};
 use crate::learning::{CurveOptions, time_domain::TimeDomainMetrics};
 use crate::num::hexadecimal;
 use crate::store::{Page, Plant, StoreError, Subject, TrialFilter, TrialRecord, TrialReport};
-use serde_json::Value;
 use std::collections::BTreeMap;
 use utoipa::IntoParams;
 use uuid::Uuid;
@@ -33,7 +30,15 @@ pub(crate) struct CurveQuery {
     /// Whether divergent trials are shown.
     #[param(required = false, default = false)]
     pub(crate) include_divergent: bool,
-    /// Show the subsystem identifications with this `spec_sha256`; without it, those with the spec that covers most
+    /// Which estimate of the controllers is shown: `ssid`, `ssid_refined`, `two_stimulus` or `prediction_error`. The others
+    /// are compared with it where both have intervals.
+    #[param(required = false, default = "ssid", schema_with = estimator_schema)]
+    pub(crate) estimator: Estimator,
+    /// With `prediction_error`, show analyses that combine several trials, with what they say of each, instead of those of
+    /// single trials.
+    #[param(required = false, default = false)]
+    pub(crate) joint: bool,
+    /// Show the identifications with this `spec_sha256`; without it, those with the spec that covers most
     /// trials.
     #[param(nullable = false, pattern = "^[0-9a-f]{64}$")]
     pub(crate) spec: Option<String>,
@@ -49,10 +54,31 @@ pub(super) fn spec_sha256(query: &mut QueryText) -> Result<Option<String>, Probl
     })
 }
 
+fn estimator_schema() -> utoipa::openapi::schema::Object {
+    utoipa::openapi::schema::ObjectBuilder::new()
+        .schema_type(utoipa::openapi::schema::Type::String)
+        .enum_values(Some(Estimator::ALL.map(Estimator::name)))
+        .build()
+}
+
+/// The kind of analysis that an estimator comes from.
+fn kind_of(estimator: Estimator) -> Kind {
+    match estimator {
+        Estimator::Ssid | Estimator::SsidRefined => ssid::Plan::KIND,
+        Estimator::TwoStimulus => two_stimulus::Plan::KIND,
+        Estimator::PredictionError => prediction_error::Plan::KIND,
+    }
+}
+
 impl FromQuery for CurveQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
         let spec = spec_sha256(query)?;
+        let names = Estimator::ALL.map(Estimator::name).join(", ");
+        let estimator =
+            query.one_of("estimator", &names, |text| Estimator::ALL.into_iter().find(|e| e.name() == text))?;
         Ok(Self {
+            estimator: estimator.unwrap_or_default(),
+            joint: query.flag("joint")?,
             plant: query.id("plant")?,
             session: query.integer("session", 0, super::trials::MAX_NUMBER)?,
             include_divergent: query.flag("include_divergent")?,
@@ -67,6 +93,7 @@ impl CurveQuery {
     pub(super) fn options(&self) -> CurveOptions {
         CurveOptions {
             include_divergent: self.include_divergent,
+            estimator: self.estimator,
             spec_sha256: self.spec.clone(),
             trim: self.trim,
             ..CurveOptions::default()
@@ -106,20 +133,36 @@ pub(super) async fn gather(
     };
     let trials = state.store.matching_trials(study, &filter).await?;
     let ids: Vec<_> = trials.iter().map(|trial| trial.id).collect();
-    let reports = state.store.reports_of_trials(&ids, ssid::Plan::KIND).await?;
+    if query.joint && query.estimator != Estimator::PredictionError {
+        let detail = format!("a report of {} about several trials says nothing of each", query.estimator.name());
+        return Err(Problem::new(Code::Invalid, "no joint estimates", detail)
+            .at("query parameter joint")
+            .mend("Ask for estimator=prediction_error, or leave it out.")
+            .into());
+    }
+    let mut reports = Vec::new();
+    for estimator in Estimator::ALL {
+        let joint = query.joint && estimator == query.estimator;
+        let of_kind = state.store.reports_of_trials(&ids, kind_of(estimator), joint).await?;
+        reports.extend(of_kind.into_iter().map(|report| (estimator, report)));
+    }
+    let shown = query.estimator;
     let plants = all(|page| state.store.plants(study, page), |plant| plant.id.0).await?;
     let subjects = match subject {
         Some(subject) => vec![subject],
         None => all(|page| state.store.subjects(study, filter.group.as_deref(), page), |subject| subject.id.0).await?,
     };
-    let gathered = off_thread(move || assemble(subjects, plants, trials, reports)).await??;
+    let gathered = off_thread(move || assemble(subjects, plants, trials, reports, shown)).await??;
     if let Some(spec) = &query.spec {
         let mut identified = gathered.subjects.iter().flat_map(|s| &s.trials).flat_map(|t| &t.identifications);
         if !identified.any(|i| i.spec_sha256 == *spec) {
             let detail = format!("none of the trials was identified with the spec {spec}");
             return Err(Problem::new(Code::NotFound, "no such spec", detail)
                 .at("query parameter spec")
-                .mend("Give the spec_sha256 of a succeeded ssid analysis of these trials.")
+                .mend(format!(
+                    "Give the spec_sha256 of a succeeded {} analysis of these trials.",
+                    kind_of(query.estimator).name()
+                ))
                 .into());
         }
     }
@@ -146,22 +189,27 @@ fn assemble(
     subjects: Vec<Subject>,
     plants: Vec<Plant>,
     trials: Vec<TrialRecord>,
-    reports: Vec<TrialReport>,
+    reports: Vec<(Estimator, TrialReport)>,
+    shown: Estimator,
 ) -> Result<Gathered, Problem> {
     let plants: BTreeMap<PlantId, Plant> = plants.into_iter().map(|plant| (plant.id, plant)).collect();
     let mut remarks = Vec::new();
-    let mut by_trial: BTreeMap<_, Vec<TrialReport>> = BTreeMap::new();
-    for report in reports {
-        by_trial.entry(report.trial).or_default().push(report);
+    let mut by_trial: BTreeMap<_, Vec<(Estimator, TrialReport)>> = BTreeMap::new();
+    for (estimator, report) in reports {
+        by_trial.entry(report.trial).or_default().push((estimator, report));
     }
     let mut by_subject: BTreeMap<SubjectId, Vec<TrialInput>> = BTreeMap::new();
     for trial in trials {
         // A plant made after the list was read has no trial in it.
         let Some(plant) = plants.get(&trial.plant) else { continue };
-        let mut identifications = Vec::new();
-        for report in by_trial.remove(&trial.id).unwrap_or_default() {
-            match identification(&report, &plant.model) {
-                Ok(found) => identifications.push(found),
+        let (mut identifications, mut by_other_estimators): (Vec<Identification>, Vec<Identification>) =
+            Default::default();
+        for (estimator, report) in by_trial.remove(&trial.id).unwrap_or_default() {
+            match identification(estimator, &report, &plant.model) {
+                Ok(None) => {}
+                Ok(Some(found)) if estimator == shown => identifications.push(found),
+                Ok(Some(found)) => by_other_estimators.push(found),
+                Err(_) if estimator != shown => {}
                 Err(why) => remarks.push(Remark {
                     code: "report_not_used".to_owned(),
                     message: format!("the report of analysis {} is left out: {why}", report.analysis),
@@ -180,6 +228,7 @@ fn assemble(
             divergent: trial.divergent,
             metrics,
             identifications,
+            by_other_estimators,
         });
     }
     let subjects = subjects
@@ -192,50 +241,4 @@ fn assemble(
         })
         .collect();
     Ok(Gathered { subjects, remarks })
-}
-
-/// What a report of subsystem identification found.
-fn identification(report: &TrialReport, plant: &Model) -> Result<Identification, String> {
-    let result = &report.report.result;
-    let system = |field: &str| -> Result<System, String> {
-        let value = result.get(field).ok_or_else(|| format!("it has no {field}"))?;
-        let model: Model = serde_json::from_value(value.clone()).map_err(|error| format!("its {field}: {error}"))?;
-        model.check().map_err(|error| format!("its {field}: {error}"))
-    };
-    let feedforward = system("feedforward")?;
-    let feedback = system("feedback")?;
-    let plant = match result.get("plant") {
-        Some(_) => system("plant")?,
-        None => in_time_base(plant.check().map_err(|error| error.to_string())?, &feedback)?,
-    };
-    let metrics = match result.get("metrics") {
-        None | Some(Value::Null) => None,
-        Some(value) => Some(
-            serde_json::from_value::<ControllerMetrics>(value.clone())
-                .map_err(|error| format!("its metrics: {error}"))?,
-        ),
-    };
-    Ok(Identification {
-        analysis: report.analysis.to_string(),
-        spec_sha256: report.spec_sha256.clone(),
-        plant,
-        feedforward,
-        feedback,
-        metrics,
-        // The pool's best candidate has no errors.
-        standard_errors: StandardErrors::default(),
-        variance_accounted_for: result.get("variance_accounted_for").and_then(Value::as_f64),
-        cost: result.get("cost").and_then(Value::as_f64),
-    })
-}
-
-/// A continuous plant as the sampled controllers meet it, behind a zero-order hold.
-fn in_time_base(plant: System, controller: &System) -> Result<System, String> {
-    match (&plant, controller.sample_time_s()) {
-        (System::Continuous(continuous), Some(period)) => {
-            let time = Discrete::new(period).map_err(|error| error.to_string())?;
-            zero_order_hold(continuous, time).map(System::Discrete).map_err(|error| error.to_string())
-        }
-        _ => Ok(plant),
-    }
 }

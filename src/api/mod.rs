@@ -22,6 +22,7 @@ mod idempotency;
 mod kinds;
 mod learning_curves;
 mod learning_inputs;
+mod learning_reports;
 mod named;
 mod ops;
 mod plants;

@@ -11,7 +11,7 @@
 use super::curves::CurveOptions;
 use super::frequency_domain::fraction;
 use super::groups::{Cell, cells};
-use super::inputs::{Identification, PlantName, Remark, SpecChoice, SubjectInput, TrialInput};
+use super::inputs::{Identification, IdentifiedControllers, PlantName, Remark, SpecChoice, SubjectInput, TrialInput};
 use crate::control::System;
 use crate::num::stats::{mean, standard_deviation};
 use num_complex::Complex64;
@@ -173,6 +173,7 @@ struct Chosen<'a> {
     code: &'a str,
     trial: &'a TrialInput,
     found: &'a Identification,
+    controllers: &'a IdentifiedControllers,
 }
 
 fn group_responses(
@@ -186,7 +187,9 @@ fn group_responses(
     let mut without = Vec::new();
     for (subject, trials) in &cell.subjects {
         match choose_trial(trials, cell.spec.as_ref(), selection, options) {
-            Some((trial, found)) => chosen.push(Chosen { code: &subject.code, trial, found }),
+            Some((trial, found, controllers)) => {
+                chosen.push(Chosen { code: &subject.code, trial, found, controllers });
+            }
             None => without.push(subject.code.as_str()),
         }
     }
@@ -196,10 +199,10 @@ fn group_responses(
         remarks
             .push(Remark::new("subjects_without_response", format!("{who}: no identified trial to show of {codes}")));
     }
-    if let Some(first) = chosen.first().map(|c| c.found) {
+    if let Some(first) = chosen.first().map(|c| c.controllers) {
         // One spec on one plant gives one time base; should that ever fail, an average would be meaningless.
         let before = chosen.len();
-        chosen.retain(|c| c.found.plant == first.plant);
+        chosen.retain(|c| c.controllers.plant == first.plant);
         if chosen.len() < before {
             let dropped = before - chosen.len();
             remarks.push(Remark::new(
@@ -221,7 +224,7 @@ fn group_responses(
             norm_feedforward_plant_minus_one: distance(c),
         })
         .collect();
-    let inverse_plant = chosen.first().map(|c| inverse_response(&c.found.plant, omega));
+    let inverse_plant = chosen.first().map(|c| inverse_response(&c.controllers.plant, omega));
     let all = controller_statistics(&chosen.iter().collect::<Vec<_>>(), omega);
     let trimmed = without_extremes(&chosen, options.trim).map(|kept| controller_statistics(&kept, omega));
     GroupResponses {
@@ -241,14 +244,17 @@ fn choose_trial<'a>(
     spec: Option<&SpecChoice>,
     selection: TrialSelection,
     options: &CurveOptions,
-) -> Option<(&'a TrialInput, &'a Identification)> {
+) -> Option<(&'a TrialInput, &'a Identification, &'a IdentifiedControllers)> {
     let spec = &spec?.spec_sha256;
     let shown = trials.iter().filter(|t| options.include_divergent || !t.divergent);
-    let mut identified = shown.filter_map(|t| Some((*t, t.identified_with(spec)?)));
+    let mut identified = shown.filter_map(|t| {
+        let found = t.identified_with(spec)?;
+        Some((*t, found, found.controllers.as_ref()?))
+    });
     match selection {
         TrialSelection::First => identified.next(),
         TrialSelection::Last => identified.next_back(),
-        TrialSelection::Number(number) => identified.rfind(|(t, _)| t.number == number),
+        TrialSelection::Number(number) => identified.rfind(|(t, ..)| t.number == number),
     }
 }
 
@@ -271,8 +277,8 @@ fn without_extremes<'a, 'b>(chosen: &'b [Chosen<'a>], trim: usize) -> Option<Vec
 }
 
 fn controller_statistics(chosen: &[&Chosen], omega: &[f64]) -> ControllerStatistics {
-    let over = |response: fn(&Identification, f64) -> Complex64| {
-        let at = |w: &f64| chosen.iter().map(|c| response(c.found, *w)).collect::<Vec<_>>();
+    let over = |response: fn(&IdentifiedControllers, f64) -> Complex64| {
+        let at = |w: &f64| chosen.iter().map(|c| response(c.controllers, *w)).collect::<Vec<_>>();
         response_statistics(&omega.iter().map(at).collect::<Vec<_>>())
     };
     ControllerStatistics {
@@ -289,7 +295,7 @@ fn quotient((num, den): (Complex64, Complex64)) -> Complex64 {
 }
 
 /// G(Gff + Gfb)/(1 + G Gfb) over common denominators, which stays finite at the plant's poles.
-fn closed_loop(found: &Identification, omega: f64) -> Complex64 {
+fn closed_loop(found: &IdentifiedControllers, omega: f64) -> Complex64 {
     let (n, d) = fraction(&found.plant, omega);
     let (nff, dff) = fraction(&found.feedforward, omega);
     let (nfb, dfb) = fraction(&found.feedback, omega);

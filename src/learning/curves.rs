@@ -1,6 +1,7 @@
 //! The learning curve of one subject: its metrics over its trials, one curve for each plant.
 
-use super::inputs::{PlantName, Remark, SpecChoice, SubjectInput, TrialInput, choose_spec};
+use super::disagreement::estimators_disagree;
+use super::inputs::{Estimator, NormIntervals, PlantName, Remark, SpecChoice, SubjectInput, TrialInput, choose_spec};
 use super::trend::{Trend, trend};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -11,6 +12,8 @@ use std::collections::BTreeMap;
 pub struct CurveOptions {
     /// Whether divergent trials are part of the curve.
     pub include_divergent: bool,
+    /// How the controllers shown were estimated.
+    pub estimator: Estimator,
     /// Show identifications with this spec instead of the one that covers most trials.
     pub spec_sha256: Option<String>,
     /// How many values are dropped at each end in trimmed statistics (Zhang 2015, section 5.8: one).
@@ -21,7 +24,7 @@ pub struct CurveOptions {
 
 impl Default for CurveOptions {
     fn default() -> Self {
-        Self { include_divergent: false, spec_sha256: None, trim: 1, trend_trials: 5 }
+        Self { include_divergent: false, estimator: Estimator::default(), spec_sha256: None, trim: 1, trend_trials: 5 }
     }
 }
 
@@ -74,6 +77,8 @@ pub struct CurvePoint {
     pub norm_feedforward_plant_minus_one: Option<f64>,
     /// Share of the variance of y that the identified controllers explain in simulation.
     pub variance_accounted_for: Option<f64>,
+    /// The 95 % intervals of the norms, or why there is none.
+    pub intervals_95: NormIntervals,
     /// The cost at the argmin.
     pub cost: Option<f64>,
     /// Why norms are null, where they are.
@@ -121,6 +126,8 @@ pub struct PlantCurve {
     pub left_out_count: usize,
     /// Trials shown without identification under the chosen spec.
     pub unidentified: Vec<TrialName>,
+    /// How the controllers shown were estimated.
+    pub estimator: Estimator,
     /// The spec whose identifications are shown; null where no trial is identified.
     pub spec: Option<SpecChoice>,
     /// First against last trials.
@@ -154,6 +161,7 @@ pub fn subject_learning_curve(input: &SubjectInput, options: &CurveOptions) -> S
         let spec = spec_of(trials.iter().copied(), options);
         let curve = plant_curve(plant, &trials, spec, options);
         remarks.extend(curve.remarks());
+        remarks.extend(estimators_disagree(&curve, &trials));
         curves.push(curve);
     }
     if curves.len() > 1 {
@@ -211,7 +219,7 @@ pub(super) fn plant_curve(
         if trial.divergent && !options.include_divergent {
             left_out.push(TrialName { trial: trial.trial.clone(), number: trial.number, session: trial.session });
         } else {
-            points.push(point(trial, i + 1, spec.as_ref()));
+            points.push(point(trial, i + 1, spec.as_ref(), options.estimator));
         }
     }
     let unidentified = points
@@ -233,21 +241,32 @@ pub(super) fn plant_curve(
         variance_accounted_for: of(Metric::VarianceAccountedFor),
     };
     let left_out_count = left_out.len();
-    PlantCurve { plant: plant.clone(), points, left_out, left_out_count, unidentified, spec, trends }
+    let estimator = options.estimator;
+    PlantCurve { plant: plant.clone(), points, left_out, left_out_count, unidentified, estimator, spec, trends }
 }
 
-pub(super) fn point(trial: &TrialInput, position: usize, spec: Option<&SpecChoice>) -> CurvePoint {
+pub(super) fn point(
+    trial: &TrialInput,
+    position: usize,
+    spec: Option<&SpecChoice>,
+    estimator: Estimator,
+) -> CurvePoint {
     let found = spec.and_then(|spec| trial.identified_with(&spec.spec_sha256));
     let norms = found.and_then(|i| i.metrics.as_ref());
+    let name = estimator.name();
     let missing = match (found, norms) {
-        (None, _) => Some("this trial has no succeeded ssid analysis with the chosen spec".to_owned()),
-        (Some(_), None) => Some("the ssid report has no norms".to_owned()),
+        (None, _) => Some(format!("this trial has no succeeded {name} analysis with the chosen spec")),
+        (Some(_), None) => Some(format!("the {name} report has no norms")),
         (Some(_), Some(norms)) if !norms.undefined.is_empty() => {
             let why: Vec<_> = norms.undefined.iter().map(|u| format!("{}: {}", u.field, u.reason)).collect();
             Some(why.join("; "))
         }
         _ => None,
     };
+    let intervals_95 = found.map_or_else(
+        || NormIntervals { reason: Some("the trial is not identified".to_owned()), ..NormIntervals::default() },
+        |found| found.intervals.clone(),
+    );
     CurvePoint {
         trial: trial.trial.clone(),
         number: trial.number,
@@ -263,6 +282,7 @@ pub(super) fn point(trial: &TrialInput, position: usize, spec: Option<&SpecChoic
         norm_feedforward_minus_inverse: norms.and_then(|n| n.norm_feedforward_minus_inverse),
         norm_feedforward_plant_minus_one: norms.and_then(|n| n.norm_feedforward_plant_minus_one),
         variance_accounted_for: found.and_then(|i| i.variance_accounted_for),
+        intervals_95,
         cost: found.and_then(|i| i.cost),
         missing,
     }
@@ -297,7 +317,10 @@ impl PlantCurve {
             let (missing, all) = (self.unidentified.len(), self.points.len());
             remarks.push(Remark::new(
                 "unidentified_trials",
-                format!("{missing} of {all} trials on {name} have no ssid analysis with the chosen spec"),
+                format!(
+                    "{missing} of {all} trials on {name} have no {} analysis with the chosen spec",
+                    self.estimator.name()
+                ),
             ));
         }
         remarks

@@ -35,8 +35,10 @@ pub struct TrialInput {
     pub divergent: bool,
     /// Its metrics in the time domain.
     pub metrics: TimeDomainMetrics,
-    /// Every succeeded subsystem identification of this trial alone, in any order.
+    /// Every succeeded identification of this trial by the estimator that is shown, in any order.
     pub identifications: Vec<Identification>,
+    /// Those by the other estimators, which it is compared with.
+    pub by_other_estimators: Vec<Identification>,
 }
 
 /// A plant, by id and name.
@@ -48,27 +50,69 @@ pub struct PlantName {
     pub name: String,
 }
 
-/// What one subsystem identification found.
+/// How controllers were estimated.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Estimator {
+    /// The best candidate of a pool, of kind `ssid`.
+    #[default]
+    Ssid,
+    /// Its refinement.
+    SsidRefined,
+    /// Kind `two_stimulus`, line by line.
+    TwoStimulus,
+    /// Kind `prediction_error`.
+    PredictionError,
+}
+
+impl Estimator {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Ssid, Self::SsidRefined, Self::TwoStimulus, Self::PredictionError];
+
+    /// Its name in documents.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ssid => "ssid",
+            Self::SsidRefined => "ssid_refined",
+            Self::TwoStimulus => "two_stimulus",
+            Self::PredictionError => "prediction_error",
+        }
+    }
+}
+
+/// What one identification found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identification {
     /// The id of the analysis. Ids sort by age (UUIDv7), so the greatest one is the newest.
     pub analysis: String,
     /// SHA-256 of its spec: equal for identifications done in the same way.
     pub spec_sha256: String,
+    /// How it was estimated.
+    pub estimator: Estimator,
+    /// Plant and controllers as transfer functions, where the estimator gives them.
+    pub controllers: Option<IdentifiedControllers>,
+    /// The norms over the identified band, where the report has them.
+    pub metrics: Option<ControllerMetrics>,
+    /// Standard errors of the norms, where the estimator gives them.
+    pub standard_errors: StandardErrors,
+    /// The 95 % intervals of the norms, where it gives them.
+    pub intervals: NormIntervals,
+    /// Share of the variance of y that a simulation with the identified controllers explains (1 is all of it).
+    pub variance_accounted_for: Option<f64>,
+    /// The cost J at the argmin.
+    pub cost: Option<f64>,
+}
+
+/// Plant and controllers of an identification, in one time base.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IdentifiedControllers {
     /// The plant, in the time base of the controllers.
     pub plant: System,
     /// Gff.
     pub feedforward: System,
     /// Gfb.
     pub feedback: System,
-    /// The norms over the identified band, where the report has them.
-    pub metrics: Option<ControllerMetrics>,
-    /// Standard errors of the norms, where the estimator gives them.
-    pub standard_errors: StandardErrors,
-    /// Share of the variance of y that a simulation with the identified controllers explains (1 is all of it).
-    pub variance_accounted_for: Option<f64>,
-    /// The cost J at the argmin.
-    pub cost: Option<f64>,
 }
 
 /// Standard errors of the norms of one identification, each in the unit of its norm.
@@ -80,6 +124,19 @@ pub struct StandardErrors {
     pub norm_feedforward_minus_inverse: Option<f64>,
     /// Of ‖Gff G − 1‖.
     pub norm_feedforward_plant_minus_one: Option<f64>,
+}
+
+/// 95 % intervals of the norms, each in the unit of its norm.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct NormIntervals {
+    /// Of ‖Gfb‖; null where there is none.
+    pub norm_feedback: Option<[f64; 2]>,
+    /// Of ‖Gff − G⁻¹‖.
+    pub norm_feedforward_minus_inverse: Option<[f64; 2]>,
+    /// Of ‖Gff G − 1‖.
+    pub norm_feedforward_plant_minus_one: Option<[f64; 2]>,
+    /// Why one is null, where one is.
+    pub reason: Option<String>,
 }
 
 /// A remark that a scientist must read before using the numbers.

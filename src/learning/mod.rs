@@ -8,6 +8,7 @@ pub mod bode;
 pub mod comparison;
 pub mod correlation;
 pub mod curves;
+mod disagreement;
 pub mod frequency_domain;
 pub mod groups;
 pub mod inputs;
@@ -22,5 +23,6 @@ pub use comparison::study::{ComparisonOptions, compare};
 pub use curves::{CurveOptions, SubjectLearningCurve, subject_learning_curve};
 pub use groups::{StudyLearningCurves, study_learning_curves};
 pub use inputs::{
-    Identification, PlantName, Remark, SpecChoice, StandardErrors, SubjectInput, TrialInput, choose_spec,
+    Estimator, Identification, IdentifiedControllers, NormIntervals, PlantName, Remark, SpecChoice, StandardErrors,
+    SubjectInput, TrialInput, choose_spec,
 };

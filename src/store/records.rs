@@ -6,6 +6,7 @@ use crate::control::Model;
 use crate::ctl::{Bracket, Ctl, Progress};
 use crate::jobs::Status;
 use crate::trial::Trial;
+use std::sync::Arc;
 use time::OffsetDateTime;
 
 /// A key that makes a repeated request harmless, with the hash of the request it was first used for.
@@ -347,14 +348,16 @@ pub struct RunProgress {
 pub struct TrialReport {
     /// The trial.
     pub trial: TrialId,
+    /// Its position among the trials of the analysis, from 0.
+    pub position: usize,
     /// The analysis.
     pub analysis: AnalysisId,
     /// SHA-256 of its spec.
     pub spec_sha256: String,
     /// When it was asked for.
     pub created_at: OffsetDateTime,
-    /// The report.
-    pub report: Report,
+    /// The report, one for all of its trials.
+    pub report: Arc<Report>,
 }
 
 /// The right to write to a running analysis.

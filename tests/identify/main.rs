@@ -6,12 +6,15 @@
 #[allow(dead_code)]
 #[path = "../support/contract.rs"]
 mod contract;
+#[path = "../support/virtual_people.rs"]
+mod virtual_people;
 #[path = "../support/virtual_subjects.rs"]
 mod virtual_subjects;
 
 mod cases;
 mod gain_fit;
 mod gain_fit_filter;
+mod prediction_error;
 mod response;
 mod response_doubts;
 mod response_leakage;

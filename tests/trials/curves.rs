@@ -8,8 +8,9 @@ use volition::learning::frequency_domain::controller_metrics;
 use volition::learning::groups::statistics;
 use volition::learning::time_domain::TimeDomainMetrics;
 use volition::learning::{
-    CurveOptions, Identification, PlantName, StandardErrors, SubjectInput, TrialInput, TrialSelection, choose_spec,
-    study_frequency_responses, study_learning_curves, subject_learning_curve,
+    CurveOptions, Estimator, Identification, IdentifiedControllers, NormIntervals, PlantName, StandardErrors,
+    SubjectInput, TrialInput, TrialSelection, choose_spec, study_frequency_responses, study_learning_curves,
+    subject_learning_curve,
 };
 
 fn continuous(num: &[f64], den: &[f64]) -> System {
@@ -27,11 +28,11 @@ fn identification(analysis: &str, spec: &str, gain: f64, feedback: f64) -> Ident
     Identification {
         analysis: analysis.to_owned(),
         spec_sha256: spec.to_owned(),
-        plant,
-        feedforward,
-        feedback,
+        estimator: Estimator::Ssid,
+        controllers: Some(IdentifiedControllers { plant, feedforward, feedback }),
         metrics: Some(metrics),
         standard_errors: StandardErrors::default(),
+        intervals: NormIntervals::default(),
         variance_accounted_for: Some(0.9),
         cost: Some(0.1),
     }
@@ -54,6 +55,7 @@ fn trial(number: i64, error: f64, identifications: Vec<Identification>) -> Trial
             right_control_threshold: 0.05,
         },
         identifications,
+        by_other_estimators: Vec::new(),
     }
 }
 
@@ -387,4 +389,31 @@ proptest::proptest! {
             proptest::prop_assert!(kept[0] <= t.mean + 1e-12 && t.mean <= kept[kept.len() - 1] + 1e-12);
         }
     }
+}
+
+/// The estimator that is shown, and another on the same trials.
+#[test]
+fn estimators_are_compared_where_both_have_intervals() {
+    let with = |estimator, analysis: &str, interval: Option<[f64; 2]>| Identification {
+        estimator,
+        intervals: NormIntervals { norm_feedback: interval, ..NormIntervals::default() },
+        ..identification(analysis, "aa", 0.8, 1.0)
+    };
+    let pair = |number, other: Option<[f64; 2]>| TrialInput {
+        by_other_estimators: vec![
+            // The older one does not count.
+            with(Estimator::TwoStimulus, "00", Some([50.0, 60.0])),
+            with(Estimator::TwoStimulus, "01", other),
+        ],
+        ..trial(number, 1.0, vec![with(Estimator::PredictionError, "02", Some([0.8, 1.2]))])
+    };
+    let trials = vec![pair(1, Some([1.1, 2.0])), pair(2, Some([1.5, 2.0])), pair(3, None)];
+    let options = CurveOptions { estimator: Estimator::PredictionError, ..CurveOptions::default() };
+    let curve = subject_learning_curve(&subject("s01", "gm", trials), &options);
+    assert_eq!(curve.curves[0].points[0].intervals_95.norm_feedback, Some([0.8, 1.2]));
+    let remarks: Vec<&str> = curve.remarks.iter().map(|r| r.message.as_str()).collect();
+    assert!(
+        remarks.iter().any(|m| m.contains("prediction_error and two_stimulus differ") && m.contains("1 of 2 trials")),
+        "{remarks:?}"
+    );
 }

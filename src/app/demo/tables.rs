@@ -177,6 +177,7 @@ mod tests {
                 right_control_threshold: 0.05,
             },
             identifications: Vec::new(),
+            by_other_estimators: Vec::new(),
         }
     }
 

@@ -134,10 +134,11 @@ fn standard_error(found: Option<&Identification>, metric: Metric) -> Option<f64>
 pub(super) fn series(cell: &Cell, metric: Metric, axis: &PracticeAxis) -> Vec<PersonSeries> {
     let of_trial = |trial: &&TrialInput| {
         let found = cell.spec.as_ref().and_then(|spec| trial.identified_with(&spec.spec_sha256));
+        let estimator = found.map(|found| found.estimator).unwrap_or_default();
         SeriesPoint {
             session: trial.session,
             k: axis.k(trial.session, trial.number),
-            value: point(trial, 1, cell.spec.as_ref()).value(metric).filter(|v| v.is_finite()),
+            value: point(trial, 1, cell.spec.as_ref(), estimator).value(metric).filter(|v| v.is_finite()),
             standard_error: standard_error(found, metric),
             divergent: trial.divergent,
         }

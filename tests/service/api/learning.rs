@@ -182,3 +182,69 @@ async fn identified_trials_make_curves_and_mean_controllers() {
     assert_eq!(rest["curves"][0]["points"].as_array().unwrap().len(), 1);
     server.finish().await;
 }
+
+/// Prediction error of single trials and of all together as curves, with the interval of each point or why there is none.
+#[tokio::test]
+async fn curves_have_intervals_from_prediction_error() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let mut trials = Vec::new();
+    for number in [1, 10, 20] {
+        let query = format!("&number={number}&sample_time_s=0.05");
+        let made = server.upload_csv(&lab, &query, simulated(1, number)).await.json(201);
+        trials.push(made["id"].clone());
+    }
+    let kind = "prediction_error";
+    let spec = json!({"feedback_delay_s": [0.1, 0.35], "band_hz": [0.02, 0.5]});
+    for trial in &trials[..2] {
+        let body = json!({"kind": kind, "inputs": {"trial": trial}, "spec": spec});
+        server.post("/v1/analyses", &body).await.json(202);
+    }
+    let body = json!({"kind": kind, "inputs": {"trials": trials}, "spec": spec});
+    let joint = server.post("/v1/analyses", &body).await.json(202);
+    server.work().await;
+
+    let path = format!("/v1/subjects/{}/learning-curves", lab.subject);
+    let plain = server.get(&path).await.json(200);
+    assert_eq!(plain["curves"][0]["estimator"], "ssid");
+    assert!(plain["curves"][0]["points"][0]["norm_feedback"].is_null());
+    let curve = server.get(&format!("{path}?estimator={kind}")).await.json(200);
+    let curve = &curve["curves"][0];
+    assert_eq!((&curve["estimator"], &curve["spec"]["trials"]), (&json!(kind), &json!(2)));
+    let points = curve["points"].as_array().unwrap();
+    for point in &points[..2] {
+        let value = point["norm_feedback"].as_f64().unwrap();
+        match &point["intervals_95"]["norm_feedback"] {
+            Value::Null => assert!(point["intervals_95"]["reason"].is_string(), "{point}"),
+            interval => {
+                let [low, high] = [0, 1].map(|k| interval[k].as_f64().unwrap());
+                assert!(low <= value && value <= high, "{point}");
+            }
+        }
+    }
+    assert!(points[2]["norm_feedback"].is_null() && points[2]["intervals_95"]["reason"].is_string());
+    // The third is not identified, and not averaged.
+    let study = server.get(&format!("/v1/studies/{}/learning-curves?estimator={kind}", lab.study)).await.json(200);
+    let counts: Vec<i64> = study["groups"][0]["points"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|p| p["metrics"]["norm_feedback"]["n"].as_i64().unwrap())
+        .collect();
+    assert_eq!(counts, [1, 1, 0]);
+
+    let together = server.get(&format!("{path}?estimator={kind}&joint=true")).await.json(200);
+    let points = together["curves"][0]["points"].as_array().unwrap();
+    let report = server.get(&format!("/v1/analyses/{}/report", joint["id"].as_str().unwrap())).await.json(200);
+    for (i, point) in points.iter().enumerate() {
+        assert_eq!(point["analysis"], joint["id"]);
+        let metrics = &report["result"]["trials"][i]["metrics"];
+        for norm in ["norm_feedback", "norm_feedforward_plant_minus_one"] {
+            assert_eq!(point[norm], metrics[norm]["value"]);
+            assert_eq!(point["intervals_95"][norm], metrics[norm]["interval_95"]);
+        }
+    }
+    server.get(&format!("{path}?joint=true")).await.problem(422, "invalid");
+    server.get(&format!("{path}?estimator=guess")).await.problem(400, "malformed");
+    server.finish().await;
+}

@@ -132,7 +132,7 @@ async fn reports_of_trials_are_of_single_trials_oldest_first() {
         id
     };
     let first = done(new_analysis(vec![one]), 1.0).await;
-    done(new_analysis(vec![one, two]), 2.0).await;
+    let both = done(new_analysis(vec![one, two]), 2.0).await;
     done(NewAnalysis { kind: frequency_response::Plan::KIND, ..new_analysis(vec![one]) }, 3.0).await;
     let again = done(NewAnalysis { spec_sha256: "6".repeat(64), ..new_analysis(vec![one]) }, 4.0).await;
     let of_two = done(new_analysis(vec![two]), 5.0).await;
@@ -141,12 +141,16 @@ async fn reports_of_trials_are_of_single_trials_oldest_first() {
     store.fail(&lease, &problem()).await.unwrap();
     store.create_analysis(new_analysis(vec![two]), None).await.unwrap();
 
-    let found = store.reports_of_trials(&[two, one], ssid::Plan::KIND).await.unwrap();
-    let brief: Vec<_> = found.iter().map(|r| (r.trial, r.analysis, r.report.clone())).collect();
+    let found = store.reports_of_trials(&[two, one], ssid::Plan::KIND, false).await.unwrap();
+    let brief: Vec<_> = found.iter().map(|r| (r.trial, r.analysis, (*r.report).clone())).collect();
     assert_eq!(brief, [(two, of_two, report(5.0)), (one, first, report(1.0)), (one, again, report(4.0))]);
     assert_eq!(found[2].spec_sha256, "6".repeat(64));
-    assert_eq!(store.reports_of_trials(&[one], frequency_response::Plan::KIND).await.unwrap().len(), 1);
-    assert_eq!(store.reports_of_trials(&[], ssid::Plan::KIND).await.unwrap(), []);
+    assert_eq!(store.reports_of_trials(&[one], frequency_response::Plan::KIND, false).await.unwrap().len(), 1);
+    assert_eq!(store.reports_of_trials(&[], ssid::Plan::KIND, false).await.unwrap(), []);
+    // Those of several trials, each with its position among them.
+    let joint = store.reports_of_trials(&[two, one], ssid::Plan::KIND, true).await.unwrap();
+    let brief: Vec<_> = joint.iter().map(|r| (r.trial, r.position, r.analysis)).collect();
+    assert_eq!(brief, [(two, 1, both), (one, 0, both)]);
 }
 
 /// What the pure rules and the database look at, side by side.

@@ -279,7 +279,7 @@ async fn damage_is_noticed_and_named() {
     assert_damaged(store.trial_signals(id(3)).await, "sample time");
     assert_eq!(store.trial_signals(id(4)).await.unwrap(), new_trial(plant.id, 5).trial);
     assert_damaged(store.report_json(analysis.id).await, "report");
-    assert_damaged(store.reports_of_trials(&[id(0)], ssid::Plan::KIND).await, "report");
+    assert_damaged(store.reports_of_trials(&[id(0)], ssid::Plan::KIND, false).await, "report");
     let references = volition::analysis::References { trials: vec![id(0)], plants: vec![] };
     assert_damaged(store.library(&references).await, "column y");
     // Still a model, and a wrong one.

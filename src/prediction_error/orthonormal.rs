@@ -1,0 +1,64 @@
+//! Orthonormal columns, with those left out that say nothing new.
+
+use nalgebra::{DMatrix, DVector};
+
+/// A column whose part outside the span of those before it is smaller than this share of it depends on them.
+const DEPENDENT: f64 = 1e-9;
+
+/// An orthonormal basis of the columns of a matrix.
+pub(super) struct Orthonormal {
+    /// The basis, rows × rank.
+    pub q: DMatrix<f64>,
+    /// The columns that added to it, in increasing order.
+    pub kept: Vec<usize>,
+}
+
+/// Orthonormalises the columns of a matrix from left to right by the Gram–Schmidt process, each column projected twice
+/// ("twice is enough": Giraud, Langou and Rozložník, *Computers and Mathematics with Applications* 50, 2005).
+///
+/// Lags of a slow command differ by 1e-8 of their size. A covariance from the normal equations of such columns is not
+/// positive definite; one from an orthonormal basis is.
+pub(super) fn orthonormalise(columns: &DMatrix<f64>) -> Orthonormal {
+    let mut q = DMatrix::zeros(columns.nrows(), columns.ncols().min(columns.nrows()));
+    let mut kept = Vec::with_capacity(q.ncols());
+    for (j, column) in columns.column_iter().enumerate() {
+        let rank = kept.len();
+        let size = column.norm();
+        if rank == q.ncols() || size <= 0.0 || !size.is_finite() {
+            continue;
+        }
+        let mut rest: DVector<f64> = column / size;
+        let basis = q.columns(0, rank);
+        for _ in 0..2 {
+            let inside = basis.tr_mul(&rest);
+            rest -= basis * inside;
+        }
+        let outside = rest.norm();
+        if outside > DEPENDENT {
+            q.set_column(rank, &(rest / outside));
+            kept.push(j);
+        }
+    }
+    let rank = kept.len();
+    Orthonormal { q: q.columns(0, rank).into_owned(), kept }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nearly_dependent_columns_stay_orthonormal_and_dependent_ones_are_left_out() {
+        let wave = |i: usize, lag: f64| (0.01 * (i as f64 - lag)).sin();
+        // A sinusoid has two independent lags; a little of another makes a third.
+        let columns = DMatrix::from_fn(500, 6, |i, j| match j {
+            4 => wave(i, 1.0) + 1e-6 * (0.7 * i as f64).sin(),
+            5 => 0.0,
+            _ => wave(i, j as f64),
+        });
+        let found = orthonormalise(&columns);
+        assert_eq!(found.kept, [0, 1, 4]);
+        let defect = (found.q.tr_mul(&found.q) - DMatrix::identity(3, 3)).norm();
+        assert!(defect < 1e-14, "{defect}");
+    }
+}

@@ -1,0 +1,173 @@
+//! What residuals say about the form.
+//!
+//! - Whiteness: `Q = n (n + 2) Σ_{k ≤ m} ρ_k²/(n − k)` (Ljung and Box, *Biometrika* 65, 1978), chi-square with m less the
+//!   noise parameters as degrees of freedom. The noise model carries the identification of the feedback, so that an
+//!   interval means what it says only where the residuals are white.
+//! - What further lags of the command, or of the error, would explain: the score test `n R²` of the residuals' regression
+//!   on these lags and all columns of the form, chi-square with as many degrees of freedom as lags (Ljung, *System
+//!   Identification*, section 16.6, tests the correlations themselves, which for a slow command are nearly equal).
+
+use super::design::{Columns, Form};
+use super::estimate::{Estimate, Settings};
+use super::feedforward::FeedforwardBasis;
+use super::lags::Lags;
+use super::orthonormal::orthonormalise;
+use super::record::Record;
+use crate::num::distributions::f_cdf;
+use nalgebra::{DMatrix, DVector};
+
+/// Lags of the test of whiteness.
+pub const WHITENESS_LAGS: usize = 25;
+
+/// Columns that a window of later lags of the command is described with.
+const LATER_COMMAND: usize = 4;
+
+/// A test's outcome.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Test {
+    /// The statistic, chi-square where the hypothesis holds.
+    pub statistic: f64,
+    /// Its degrees of freedom.
+    pub degrees: f64,
+    /// The probability of a larger one where the hypothesis holds.
+    pub p_value: f64,
+}
+
+impl Test {
+    /// A statistic that is chi-square where the hypothesis holds.
+    #[must_use]
+    pub fn chi_square(statistic: f64, degrees: f64) -> Self {
+        let p_value = 1.0 - f_cdf(statistic.max(0.0) / degrees, degrees, f64::INFINITY);
+        Self { statistic, degrees, p_value: p_value.clamp(0.0, 1.0) }
+    }
+}
+
+/// The Ljung–Box statistic of residuals at [`WHITENESS_LAGS`] lags.
+#[must_use]
+pub fn ljung_box(residuals: &[f64]) -> f64 {
+    let n = residuals.len() as f64;
+    let power: f64 = residuals.iter().map(|w| w * w).sum();
+    let sum: f64 = (1..=WHITENESS_LAGS.min(residuals.len().saturating_sub(1)))
+        .map(|lag| {
+            let product: f64 = residuals[lag..].iter().zip(residuals).map(|(a, b)| a * b).sum();
+            (product / power).powi(2) / (n - lag as f64)
+        })
+        .sum();
+    n * (n + 2.0) * sum
+}
+
+/// What the residuals of an estimate say.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResidualTests {
+    /// Whiteness of each record's residuals.
+    pub whiteness: Vec<Test>,
+    /// Of all together.
+    pub all_white: Test,
+    /// What later lags of the command would explain, of all records together.
+    pub later_command: Test,
+    /// What later lags of the error would.
+    pub later_error: Test,
+}
+
+impl Estimate {
+    /// Tests the residuals.
+    #[must_use]
+    pub fn residual_tests(&self, records: &[Record], settings: &Settings) -> ResidualTests {
+        let noise = (self.lags.autoregressive + self.lags.moving_average) as f64;
+        let statistics: Vec<f64> = self.records.iter().map(|r| ljung_box(&r.residuals)).collect();
+        let each = (WHITENESS_LAGS as f64 - noise).max(1.0);
+        let shared = self.sharing.noise;
+        let all =
+            if shared { (WHITENESS_LAGS * statistics.len()) as f64 - noise } else { each * statistics.len() as f64 };
+        let (later_command, later_error) = self.later(records, settings);
+        ResidualTests {
+            // One record has only its share of the parameters fitted to it.
+            whiteness: statistics
+                .iter()
+                .map(|q| {
+                    let share = if shared { noise / statistics.len() as f64 } else { noise };
+                    Test::chi_square(*q, WHITENESS_LAGS as f64 - share)
+                })
+                .collect(),
+            all_white: Test::chi_square(statistics.iter().sum(), all.max(1.0)),
+            later_command,
+            later_error,
+        }
+    }
+
+    /// Score tests of later lags, summed over records.
+    fn later(&self, records: &[Record], settings: &Settings) -> (Test, Test) {
+        let lags = &self.lags;
+        let basis = FeedforwardBasis::new(lags, settings.zeros.clone());
+        let window = lags.behind.max(LATER_COMMAND);
+        let later = Lags { ahead: 0, behind: window, terms: LATER_COMMAND, ..lags.clone() };
+        let later_basis = FeedforwardBasis::new(&later, vec![1.0]);
+        let (mut command, mut error) = ([0.0; 2], [0.0; 2]);
+        for (record, estimated) in records.iter().zip(&self.records) {
+            let rows = lags.rows(record.samples());
+            // Rows for which the later lags are in the record.
+            let skip = lags.behind.max(lags.errors());
+            if rows.len() <= skip + 3 * self.layout.all {
+                continue;
+            }
+            let columns = Columns::new(record, lags, &basis, &self.layout, 0).columns;
+            let count = rows.len() - skip;
+            let inside = columns.rows(skip, count).into_owned();
+            let w = DVector::from_column_slice(&estimated.residuals[skip..]);
+            let from = rows.start + skip;
+            let shifted: Vec<f64> = record.command[..record.samples() - lags.behind].to_vec();
+            // The window of the command behind that of the form.
+            let of_command = later_basis.design(&shifted, &(from - lags.behind..from - lags.behind + count));
+            let of_error =
+                DMatrix::from_fn(count, lags.errors(), |i, k| record.error[from + i - lags.feedback[1] - 1 - k]);
+            for (sums, more) in [(&mut command, of_command), (&mut error, of_error)] {
+                let (explained, degrees) = explained(&inside, &more, &w);
+                sums[0] += explained;
+                sums[1] += degrees;
+            }
+        }
+        let test = |[statistic, degrees]: [f64; 2]| Test::chi_square(statistic, degrees.max(1.0));
+        (test(command), test(error))
+    }
+}
+
+/// `n R²` of what columns explain of residuals beyond those of the form, and how many they are.
+fn explained(inside: &DMatrix<f64>, more: &DMatrix<f64>, w: &DVector<f64>) -> (f64, f64) {
+    let mut all = inside.clone().resize_horizontally(inside.ncols() + more.ncols(), 0.0);
+    all.columns_mut(inside.ncols(), more.ncols()).copy_from(more);
+    let found = orthonormalise(&all);
+    let before = found.kept.iter().filter(|j| **j < inside.ncols()).count();
+    let new = found.q.columns(before, found.q.ncols() - before);
+    let part = found.q.tr_mul(w);
+    let rest = w - found.q.columns(0, before) * part.rows(0, before);
+    (w.len() as f64 * new.tr_mul(&rest).norm_squared() / rest.norm_squared(), new.ncols() as f64)
+}
+
+/// The form whose columns the tests of hypotheses leave out; here so that a caller sees one door.
+pub(super) fn form_without(feedforward: bool, feedback: bool) -> Form {
+    Form { no_feedforward: feedforward, no_feedback: feedback, blocks: None }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::num::rng;
+    use rand::RngExt;
+    use rand_distr::StandardNormal;
+
+    /// The statistic of white noise is chi-square: of 400 samples, seed 1, about one in twenty is refused; coloured
+    /// noise always is.
+    #[test]
+    fn white_noise_passes_and_coloured_noise_does_not() {
+        let mut stream = rng::stream(1, "whiteness");
+        let mut refused = [0, 0];
+        for _ in 0..400 {
+            let white: Vec<f64> = (0..600).map(|_| stream.sample(StandardNormal)).collect();
+            let coloured: Vec<f64> = white.windows(2).map(|w| w[1] + 0.4 * w[0]).collect();
+            for (count, w) in refused.iter_mut().zip([&white, &coloured]) {
+                *count += usize::from(Test::chi_square(ljung_box(w), WHITENESS_LAGS as f64).p_value < 0.05);
+            }
+        }
+        assert!((8..=36).contains(&refused[0]) && refused[1] == 400, "{refused:?}");
+    }
+}
