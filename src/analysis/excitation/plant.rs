@@ -160,7 +160,7 @@ impl PlantInput {
         at: &str,
     ) -> Result<SampledPlant, Problem> {
         let path = |error| problems::path(&error);
-        let of_model = |model: &Model, at: &str| {
+        let of_model = |model: &Model, at: &str| -> Result<(SampledPlant, f64), Problem> {
             let (system, delay_s) = check_delayed_plant(model, at)?;
             Ok((SampledPlant::new(&system, how, time).map_err(path)?, delay_s))
         };

@@ -8,7 +8,7 @@
 
 use super::error::SequenceError;
 use super::multisine::Line;
-use crate::convex::boxed::{BoxedError, Program};
+use crate::convex::box_lp::{BoxLpError, Program};
 use crate::ctl::Ctl;
 use crate::num::Complex64;
 use crate::num::fourier;
@@ -241,7 +241,7 @@ fn lowered(lines: &[Line], start: Vec<f64>, ctl: &Ctl) -> Result<Vec<f64>, Seque
         let program = Program { cost, bounds: [ends(-1.0), ends(1.0)], rows, limits };
         let solution = match program.solve(GAP, ctl) {
             Ok(solution) => solution,
-            Err(BoxedError::Stopped(stopped)) => return Err(stopped.into()),
+            Err(BoxLpError::Stopped(stopped)) => return Err(stopped.into()),
             Err(_) => break,
         };
         let promised = 0.5 * reach * (1.0 + solution.x[n]);
