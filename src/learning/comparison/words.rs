@@ -106,11 +106,20 @@ fn change(
             text += &format!("; exact test of signs p {}", number(signs.p));
         }
     }
+    if all.knapp_hartung_factor < 1.0 && all.tau2 == 0.0 {
+        let safe = interval(mean.interval95_factor_at_least_one);
+        text += &format!("; {safe} if the mean is no surer than the errors of the values allow");
+    }
     if all.tau2 == 0.0 {
-        let most = all.tau2_interval95.map(|i| i[1].sqrt()).filter(|sd| *sd > 0.0);
-        let most =
-            most.map_or_else(|| "any small amount".to_owned(), |sd| format!("a standard deviation of {}", number(sd)));
-        text += &format!("; variation between people is estimated as 0, and may be up to {most}");
+        text += &match all.tau2_interval95 {
+            Some([_, most]) => {
+                let sd = number(most.sqrt());
+                format!("; variation between people is estimated as 0, and may have a standard deviation of up to {sd}")
+            }
+            None => {
+                "; people differ less than the errors of their values explain, which may be stated too large".to_owned()
+            }
+        };
     }
     Some(text + ".")
 }
@@ -310,11 +319,15 @@ fn of_pair(comparison: &StudyComparison, pair: &ComparedPair, remarks: &mut Vec<
                 }
             }
             let Some(main) = &contrast.difference else { continue };
+            let exact =
+                contrast.permutation.as_ref().map(|test| ("people are only exchangeable (permutation)", test.p));
             let otherwise: Vec<String> = contrast
                 .alternatives
                 .iter()
-                .filter(|a| (a.p <= LEVEL) != (main.p <= LEVEL))
-                .map(|a| format!("{} p {}", a.assumption, number(a.p)))
+                .map(|a| (a.assumption.as_str(), a.p))
+                .chain(exact.filter(|_| no_test.is_none()))
+                .filter(|(_, p)| (*p <= LEVEL) != (main.p <= LEVEL))
+                .map(|(assumption, p)| format!("{assumption} p {}", number(p)))
                 .collect();
             if !otherwise.is_empty() {
                 remarks.push(Remark::new(
