@@ -163,7 +163,7 @@ fn difference(comparison: &StudyComparison, names: &[String; 2], head: &str, con
     };
     let power = contrast.detectable_in_sd.map_or_else(String::new, |sd| {
         let here =
-            contrast.hedges.as_ref().map_or_else(String::new, |h| format!(", here {}", number(sd * h.pooled_sd)));
+            contrast.hedges.as_ref().map_or_else(String::new, |h| format!(" (here {})", number(sd * h.pooled_sd)));
         format!(
             " So many people find a true difference of {} standard deviations{here} in 80 % of studies.",
             number(sd)
@@ -202,7 +202,11 @@ fn counts(comparison: &StudyComparison, pair: &ComparedPair, names: &[String; 2]
         (&pair.counts.right_control_last, "last", groups.map(|g| &g.right_control_last.people)),
     ] {
         let Some(d) = difference else { continue };
-        let none = if d.smallest_p > LEVEL { "; no table of so many people reaches 5 %" } else { "" };
+        let none = if d.p_adjusted.is_some() && d.smallest_p > LEVEL {
+            "; no table with these totals reaches 5 %"
+        } else {
+            ""
+        };
         found.push(format!(
             "Right control at the start of the study's {at} trial (|u| > {threshold}): {} people in {}, {} in {}; difference \
              {} {} (Fisher p {}, {}{none}).",
