@@ -3,6 +3,11 @@
 /// Ridders's method halves the bracket at least every step, so that this many reach any double.
 const STEPS: usize = 200;
 
+/// Whether the signs differ; a product would vanish where both are tiny.
+fn differ(a: f64, b: f64) -> bool {
+    a > 0.0 && b < 0.0 || a < 0.0 && b > 0.0
+}
+
 /// A root of `f` between two points where its signs differ, to rounding (Ridders 1979); `None` where they do not, or
 /// where a value is not a number.
 pub(crate) fn root(f: impl Fn(f64) -> f64, low: f64, high: f64) -> Option<f64> {
@@ -13,7 +18,7 @@ pub(crate) fn root(f: impl Fn(f64) -> f64, low: f64, high: f64) -> Option<f64> {
             return Some(x);
         }
     }
-    if !(at_a * at_b < 0.0) {
+    if !differ(at_a, at_b) {
         return None;
     }
     for _ in 0..STEPS {
@@ -40,7 +45,7 @@ pub(crate) fn root(f: impl Fn(f64) -> f64, low: f64, high: f64) -> Option<f64> {
         if (guess < middle) == (a < b) {
             points.swap(1, 2);
         }
-        let Some(pair) = points.windows(2).find(|pair| pair[0].1 * pair[1].1 < 0.0) else { break };
+        let Some(pair) = points.windows(2).find(|pair| differ(pair[0].1, pair[1].1)) else { break };
         ((a, at_a), (b, at_b)) = (pair[0], pair[1]);
     }
     Some(if at_a.abs() < at_b.abs() { a } else { b })
@@ -56,6 +61,7 @@ mod tests {
         assert!((root(|x| (x - 1e-9).powi(3), -1.0, 2.0).unwrap() - 1e-9).abs() < 1e-6);
         assert!((root(|x: f64| 1.0 - x.exp(), 3.0, -4.0).unwrap()).abs() < 1e-15);
         assert!((root(|x: f64| x.signum() - 1e-3, -1.0, 7.0).unwrap()).abs() < 1e-15);
+        assert!((root(|x| 1e-200 * (x - 0.3), 0.0, 1.0).unwrap() - 0.3).abs() < 1e-15);
         assert_eq!(root(|x| x, 0.0, 1.0), Some(0.0));
         assert_eq!(root(|x| x * x + 1.0, -1.0, 1.0), None);
         assert_eq!(root(|_| f64::NAN, -1.0, 1.0), None);

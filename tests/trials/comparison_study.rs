@@ -2,7 +2,6 @@
 
 use crate::property::from_seed;
 use proptest::prelude::*;
-use rand::RngExt as _;
 use volition::learning::comparison::people::{Contrast, CurveForm};
 use volition::learning::comparison::permutation::{Enumeration, Permutation, fewest_people, signs, two_groups};
 use volition::learning::comparison::random_effects::random_effects;

@@ -138,7 +138,7 @@ impl Sums {
         let degrees = (self.n - FIXED) as f64;
         let rss = total - b.dot(&beta);
         let sigma2 = rss / degrees;
-        if !(sigma2 > 0.0) {
+        if sigma2.is_nan() || sigma2 <= 0.0 {
             return None;
         }
         let value = degrees * sigma2.ln() + log_determinant + cholesky.determinant().ln();

@@ -268,7 +268,7 @@ pub fn fit(law: Law, points: &[Observation], errors: ErrorSource, first: f64, la
         let slope = if at_bound.is_some() { 0.0 } else { amplitude * law.slope(k, shape) };
         Vector3::new(1.0, law.basis(k, shape), slope)
     };
-    let covariance = covariance(points, &gradient, free).ok_or(NoFit::Undetermined)?;
+    let covariance = covariance(points, gradient, free).ok_or(NoFit::Undetermined)?;
     let degrees = points.len() - free;
     let residual_scale = (degrees > 0).then(|| weighted_rss / degrees as f64);
     let (variance_factor, allowed) = match (errors, residual_scale) {

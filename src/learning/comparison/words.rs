@@ -106,11 +106,20 @@ fn change(
             text += &format!("; exact test of signs p {}", number(signs.p));
         }
     }
+    if all.knapp_hartung_factor < 1.0 && all.tau2 == 0.0 {
+        let safe = interval(mean.interval95_factor_at_least_one);
+        text += &format!("; {safe} if the mean is no surer than the errors of the values allow");
+    }
     if all.tau2 == 0.0 {
-        let most = all.tau2_interval95.map(|i| i[1].sqrt()).filter(|sd| *sd > 0.0);
-        let most =
-            most.map_or_else(|| "any small amount".to_owned(), |sd| format!("a standard deviation of {}", number(sd)));
-        text += &format!("; variation between people is estimated as 0, and may be up to {most}");
+        text += &match all.tau2_interval95 {
+            Some([_, most]) => {
+                let sd = number(most.sqrt());
+                format!("; variation between people is estimated as 0, and may have a standard deviation of up to {sd}")
+            }
+            None => {
+                "; people differ less than the errors of their values explain, which may be stated too large".to_owned()
+            }
+        };
     }
     Some(text + ".")
 }
@@ -154,7 +163,7 @@ fn difference(comparison: &StudyComparison, names: &[String; 2], head: &str, con
     };
     let power = contrast.detectable_in_sd.map_or_else(String::new, |sd| {
         let here =
-            contrast.hedges.as_ref().map_or_else(String::new, |h| format!(", here {}", number(sd * h.pooled_sd)));
+            contrast.hedges.as_ref().map_or_else(String::new, |h| format!(" (here {})", number(sd * h.pooled_sd)));
         format!(
             " So many people find a true difference of {} standard deviations{here} in 80 % of studies.",
             number(sd)
@@ -193,7 +202,11 @@ fn counts(comparison: &StudyComparison, pair: &ComparedPair, names: &[String; 2]
         (&pair.counts.right_control_last, "last", groups.map(|g| &g.right_control_last.people)),
     ] {
         let Some(d) = difference else { continue };
-        let none = if d.smallest_p > LEVEL { "; no table of so many people reaches 5 %" } else { "" };
+        let none = if d.p_adjusted.is_some() && d.smallest_p > LEVEL {
+            "; no table with these totals reaches 5 %"
+        } else {
+            ""
+        };
         found.push(format!(
             "Right control at the start of the study's {at} trial (|u| > {threshold}): {} people in {}, {} in {}; difference \
              {} {} (Fisher p {}, {}{none}).",
@@ -310,11 +323,15 @@ fn of_pair(comparison: &StudyComparison, pair: &ComparedPair, remarks: &mut Vec<
                 }
             }
             let Some(main) = &contrast.difference else { continue };
+            let exact =
+                contrast.permutation.as_ref().map(|test| ("people are only exchangeable (permutation)", test.p));
             let otherwise: Vec<String> = contrast
                 .alternatives
                 .iter()
-                .filter(|a| (a.p <= LEVEL) != (main.p <= LEVEL))
-                .map(|a| format!("{} p {}", a.assumption, number(a.p)))
+                .map(|a| (a.assumption.as_str(), a.p))
+                .chain(exact.filter(|_| no_test.is_none()))
+                .filter(|(_, p)| (*p <= LEVEL) != (main.p <= LEVEL))
+                .map(|(assumption, p)| format!("{assumption} p {}", number(p)))
                 .collect();
             if !otherwise.is_empty() {
                 remarks.push(Remark::new(
