@@ -2,7 +2,7 @@
 
 use super::etag::{self, IfNoneMatch};
 use super::extract::{FromQuery, Id, Params, QueryText, off_thread};
-use super::learning_inputs::{CurveQuery, Gathered, gather, spec_sha256};
+use super::learning_inputs::{CurveQuery, Gathered, estimator, estimator_schema, gather, spec_sha256};
 use super::problem::ApiResult;
 use super::state::AppState;
 use super::studies::StudyPath;
@@ -13,6 +13,7 @@ use crate::learning::comparison::multiple::Correction;
 use crate::learning::comparison::people::{Contrast, CurveForm};
 use crate::learning::comparison::study::{NoComparison, first_and_last_trials};
 use crate::learning::curves::Metric;
+use crate::learning::inputs::Estimator;
 use crate::learning::{ComparisonOptions, StudyComparison, compare};
 use axum::extract::State;
 use axum::http::HeaderMap;
@@ -37,7 +38,13 @@ pub(crate) struct ComparisonQuery {
     /// Only trials of this session.
     #[param(nullable = false, minimum = 0, maximum = 1000000000)]
     session: Option<i64>,
-    /// Compare the subsystem identifications with this `spec_sha256`; without it, those with the spec that covers most
+    /// Which estimate of the controllers the norms are of: `ssid`, `ssid_refined`, `two_stimulus` or `prediction_error`.
+    #[param(required = false, default = "ssid", schema_with = estimator_schema)]
+    estimator: Estimator,
+    /// With `prediction_error`, analyses that combine several trials, with what they say of each.
+    #[param(required = false, default = false)]
+    joint: bool,
+    /// Compare the identifications with this `spec_sha256`; without it, those with the spec that covers most
     /// trials.
     #[param(nullable = false, pattern = "^[0-9a-f]{64}$")]
     spec: Option<String>,
@@ -117,6 +124,8 @@ impl FromQuery for ComparisonQuery {
             groups,
             plant: query.id("plant")?,
             session: query.integer("session", 0, super::trials::MAX_NUMBER)?,
+            estimator: estimator(query)?.unwrap_or_default(),
+            joint: query.flag("joint")?,
             spec: spec_sha256(query)?,
             metrics: list(query, "metrics", metrics)?.unwrap_or(default.metrics),
             contrasts: list(query, "contrasts", "first, last, change, retention")?.unwrap_or(settings.contrasts),
@@ -142,6 +151,7 @@ impl ComparisonQuery {
             metrics: self.metrics.clone(),
             correction: self.correction,
             groups: self.groups.clone(),
+            estimator: self.estimator,
             spec_sha256: self.spec.clone(),
             right_control_threshold: self.right_control_threshold,
             ..ComparisonOptions::default()
@@ -160,6 +170,8 @@ impl ComparisonQuery {
             plant: self.plant,
             session: self.session,
             include_divergent: false,
+            estimator: self.estimator,
+            joint: self.joint,
             spec: self.spec.clone(),
             trim: 0,
         }

@@ -54,7 +54,13 @@ pub(super) fn spec_sha256(query: &mut QueryText) -> Result<Option<String>, Probl
     })
 }
 
-fn estimator_schema() -> utoipa::openapi::schema::Object {
+/// The parameter `estimator`.
+pub(super) fn estimator(query: &mut QueryText) -> Result<Option<Estimator>, Problem> {
+    let names = Estimator::ALL.map(Estimator::name).join(", ");
+    query.one_of("estimator", &names, |text| Estimator::ALL.into_iter().find(|e| e.name() == text))
+}
+
+pub(super) fn estimator_schema() -> utoipa::openapi::schema::Object {
     utoipa::openapi::schema::ObjectBuilder::new()
         .schema_type(utoipa::openapi::schema::Type::String)
         .enum_values(Some(Estimator::ALL.map(Estimator::name)))
@@ -73,11 +79,8 @@ fn kind_of(estimator: Estimator) -> Kind {
 impl FromQuery for CurveQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
         let spec = spec_sha256(query)?;
-        let names = Estimator::ALL.map(Estimator::name).join(", ");
-        let estimator =
-            query.one_of("estimator", &names, |text| Estimator::ALL.into_iter().find(|e| e.name() == text))?;
         Ok(Self {
-            estimator: estimator.unwrap_or_default(),
+            estimator: estimator(query)?.unwrap_or_default(),
             joint: query.flag("joint")?,
             plant: query.id("plant")?,
             session: query.integer("session", 0, super::trials::MAX_NUMBER)?,

@@ -41,6 +41,23 @@ pub struct Resolved {
     pub held_out: Vec<ResolvedTrial>,
 }
 
+impl Resolved {
+    /// For kinds that compute with rational plants alone.
+    ///
+    /// # Errors
+    /// `invalid` where the plant has a delay in continuous time.
+    pub fn refuse_plant_delay(&self) -> Result<(), Problem> {
+        if self.plant_delay_s <= 0.0 {
+            return Ok(());
+        }
+        let detail =
+            format!("the plant has a delay of {} s, which only ssid takes in continuous time", self.plant_delay_s);
+        Err(Problem::new(Code::Invalid, "plant with a delay", detail)
+            .at("/inputs")
+            .mend("Give the plant in sampled time, with a delay of whole samples."))
+    }
+}
+
 fn not_held_out(detail: String, at: impl Into<String>) -> Problem {
     Problem::new(Code::Invalid, "not held out", detail)
         .at(at)

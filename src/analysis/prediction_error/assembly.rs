@@ -213,6 +213,6 @@ pub(super) fn noise(found: &Estimate, trial: usize) -> NoiseResult {
 }
 
 fn rational(found: Reduction) -> RationalReduction {
-    let model = TransferFunctionModel { num: found.num, den: found.den, sample_time_s: None };
+    let model = TransferFunctionModel { num: found.num, den: found.den, sample_time_s: None, delay_s: None };
     RationalReduction { model: Model::TransferFunction(model), delay_s: found.delay_s, relative_misfit: found.misfit }
 }

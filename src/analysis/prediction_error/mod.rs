@@ -76,7 +76,9 @@ impl Analysis for Plan {
 
     /// Progress counts estimates: that of the answer, and those around it.
     fn run(&self, library: &Library, ctl: &Ctl) -> Result<Outcome<PredictionErrorResult>, Failure> {
-        let ResolvedInputs { plant, fitted, held_out } = self.inputs.resolve(library)?;
+        let resolved_inputs = self.inputs.resolve(library)?;
+        resolved_inputs.refuse_plant_delay()?;
+        let ResolvedInputs { plant, fitted, held_out, .. } = resolved_inputs;
         let trials: Vec<&Trial> = fitted.iter().map(ResolvedTrial::trial).collect();
         let resolved = self.spec.resolve(&plant, &trials)?;
         let change_trials = self.spec.change_trials(fitted.len())?;

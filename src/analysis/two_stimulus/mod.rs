@@ -235,15 +235,9 @@ impl Plan {
                 Ok(Material { plant: system, lines, stimuli, held_out_stimuli, trials, held_out, warnings })
             }
             TrialsOrResponses::Trials(inputs) => {
-                let Resolved { plant, plant_delay_s, fitted: trials, held_out } = inputs.resolve(library)?;
-                if plant_delay_s > 0.0 {
-                    let detail =
-                        format!("the plant has a delay of {plant_delay_s} s, which only ssid takes in continuous time");
-                    return Err(Problem::new(Code::Invalid, "plant with a delay", detail)
-                        .at("/inputs")
-                        .mend("Give the plant in sampled time, with a delay of whole samples.")
-                        .into());
-                }
+                let resolved = inputs.resolve(library)?;
+                resolved.refuse_plant_delay()?;
+                let Resolved { plant, fitted: trials, held_out, .. } = resolved;
                 let refs: Vec<&Trial> = trials.iter().map(ResolvedTrial::trial).collect();
                 let Some(settings) = &self.spec.frequency else {
                     // The spec of trials always has settings; see `CheckedSpec::new`.

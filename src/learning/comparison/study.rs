@@ -10,7 +10,7 @@ use super::shape::ErrorSource;
 use super::words;
 use crate::learning::curves::{CurveOptions, Metric};
 use crate::learning::groups::{Cell, cells};
-use crate::learning::inputs::SubjectInput;
+use crate::learning::inputs::{Estimator, SubjectInput};
 use crate::learning::time_domain::START_THRESHOLD;
 use std::collections::BTreeSet;
 
@@ -28,6 +28,8 @@ pub struct ComparisonOptions {
     pub correction: Correction,
     /// Only these groups; all where it is `None`.
     pub groups: Option<Vec<String>>,
+    /// Which estimate of the controllers the norms are of.
+    pub estimator: Estimator,
     /// Only identifications with this spec; without it, those with the spec that covers most trials.
     pub spec_sha256: Option<String>,
     /// The threshold on |u| that the trials' first controls were judged with.
@@ -48,6 +50,7 @@ impl Default for ComparisonOptions {
             },
             correction: Correction::Holm,
             groups: None,
+            estimator: Estimator::default(),
             spec_sha256: None,
             right_control_threshold: START_THRESHOLD,
         }
@@ -56,7 +59,7 @@ impl Default for ComparisonOptions {
 
 impl ComparisonOptions {
     fn curves(&self) -> CurveOptions {
-        CurveOptions { spec_sha256: self.spec_sha256.clone(), ..CurveOptions::default() }
+        CurveOptions { estimator: self.estimator, spec_sha256: self.spec_sha256.clone(), ..CurveOptions::default() }
     }
 }
 
