@@ -53,7 +53,8 @@ enum Command {
     Openapi,
     /// Simulate a study of two groups, identify every trial, and print the learning curves.
     Demo(app::demo::DemoArgs),
-    /// Compare the groups of a study: change with practice and difference between groups, with intervals and exact tests.
+    /// Compare the groups of a study: change with practice and difference between groups, with intervals and exact
+    /// tests.
     ///
     /// Exits with 0, or 2 for a request that makes no sense.
     Compare(app::compare::CompareArgs),

@@ -182,9 +182,9 @@ impl ComparisonQuery {
 /// intervals and exact tests over people.
 ///
 /// Each person's trials are summarised by a fitted curve with errors; means over people are by restricted maximum
-/// likelihood with Knapp–Hartung intervals, tests by exact permutation of people, with a mixed model on single trials and
-/// other assumptions beside them. Divergent trials and the first control of a trial are counted by people. `findings` says
-/// in sentences what was found, and what so many people can and cannot show.
+/// likelihood with Knapp–Hartung intervals, tests by exact permutation of people, with a mixed model on single trials
+/// and other assumptions beside them. Divergent trials and the first control of a trial are counted by people.
+/// `findings` says in sentences what was found, and what so many people can and cannot show.
 #[utoipa::path(get, path = "/v1/studies/{study}/comparison", tag = "learning",
     operation_id = "read_study_comparison", params(StudyPath, ComparisonQuery, IfNoneMatch),
     responses((status = 200, description = "The comparison.", body = StudyComparison),

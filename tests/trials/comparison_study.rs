@@ -80,8 +80,8 @@ proptest! {
         }
     }
 
-    /// τ² is where the restricted likelihood, written anew from its definition, is largest; the limits of its interval are
-    /// where Q has the quantiles of chi-square that they are defined by.
+    /// τ² is where the restricted likelihood, written anew from its definition, is largest; the limits of its interval
+    /// are where Q has the quantiles of chi-square that they are defined by.
     #[test]
     fn the_variance_between_people_maximises_the_restricted_likelihood(
         people in prop::collection::vec((-1.0_f64..1.0, 0.001_f64..0.5), 3..9),
@@ -128,8 +128,8 @@ fn equal_errors_give_the_t_interval() {
     assert!(random_effects(&[1.0, 1.0], &[0.0; 2], None).is_err() && random_effects(&[1.0], &[0.1], None).is_err());
 }
 
-/// Three people, errors that differ by orders of magnitude: Knapp and Hartung's intervals hold what they say, z intervals
-/// do not (measured elsewhere over 600 studies: 0.92 and 0.78).
+/// Three people, errors that differ by orders of magnitude: Knapp and Hartung's intervals hold what they say, z
+/// intervals do not (measured elsewhere over 600 studies: 0.92 and 0.78).
 #[test]
 fn knapp_hartung_intervals_hold_with_three_people() {
     let mut random = stream(11, "coverage of means over three people");

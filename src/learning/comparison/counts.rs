@@ -26,8 +26,8 @@ pub struct Proportion {
 
 /// A proportion with its intervals.
 ///
-/// Wilson (1927) inverts the score test; Clopper and Pearson (1934) invert the two binomial tails, by quantiles of the beta
-/// distribution. Both work for none and for all.
+/// Wilson (1927) inverts the score test; Clopper and Pearson (1934) invert the two binomial tails, by quantiles of the
+/// beta distribution. Both work for none and for all.
 #[must_use]
 pub fn proportion(count: usize, of: usize) -> Proportion {
     if of == 0 {
@@ -83,8 +83,8 @@ pub fn difference(first: &Proportion, second: &Proportion) -> Option<ProportionD
     })
 }
 
-/// Fisher's exact test of two proportions: the probability, with as many in all, of tables no more probable than the one
-/// observed; and the smallest that any table has.
+/// Fisher's exact test of two proportions: the probability, with as many in all, of tables no more probable than the
+/// one observed; and the smallest that any table has.
 #[must_use]
 pub fn fisher(x1: usize, n1: usize, x2: usize, n2: usize) -> (f64, f64) {
     let choose = |n: usize, k: usize| {

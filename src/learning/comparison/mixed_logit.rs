@@ -1,8 +1,8 @@
 //! Logistic regression with a random intercept, for counts that cluster in people.
 //!
-//! `logit p_i = β₀ + β₁ g_i + s z_i`, z_i standard normal, x_i of n_i trials binomial: maximum likelihood, the integral over
-//! z_i by Gauss–Hermite quadrature centred at each person's mode (Pinheiro & Bates 1995). The gradient is the posterior mean
-//! of the score over the same nodes.
+//! `logit p_i = β₀ + β₁ g_i + s z_i`, z_i standard normal, x_i of n_i trials binomial: maximum likelihood, the integral
+//! over z_i by Gauss–Hermite quadrature centred at each person's mode (Pinheiro & Bates 1995). The gradient is the
+//! posterior mean of the score over the same nodes.
 
 use super::NotEstimated;
 use crate::num::distributions::{NORMAL_95, chi_square_cdf};
@@ -55,8 +55,8 @@ pub fn mixed_logit(people: &[PersonCount]) -> Result<MixedLogit, NotEstimated> {
         if count == 0 || count == of {
             let share = if count == 0 { "none" } else { "all" };
             return Err(NotEstimated(format!(
-                "in one group {share} of the {of} trials are counted, so that the odds ratio has no finite estimate; read \
-                 the permutation test"
+                "in one group {share} of the {of} trials are counted, so that the odds ratio has no finite \
+                 estimate; read the permutation test"
             )));
         }
     }

@@ -1,7 +1,8 @@
 //! A linear mixed model on single trials.
 //!
-//! `y = β₀ + β₁ x + β₂ g + β₃ g x + b₀ + b₁ x + ε` with `x = exp(−(k − 1)/τ)` (τ given), `(b₀, b₁)` of each person normal
-//! with covariance Ψ, and ε normal with variance σ² equal in all trials; restricted maximum likelihood (Laird & Ware 1982).
+//! `y = β₀ + β₁ x + β₂ g + β₃ g x + b₀ + b₁ x + ε` with `x = exp(−(k − 1)/τ)` (τ given), `(b₀, b₁)` of each person
+//! normal with covariance Ψ, and ε normal with variance σ² equal in all trials; restricted maximum likelihood (Laird &
+//! Ware 1982).
 //!
 //! With `Ψ = σ² L Lᵀ`, `V = I + Z L Lᵀ Zᵀ` and σ² concentrated out, minus twice the restricted log-likelihood is
 //! `(n − p) ln(rss/(n − p)) + Σ ln det V + ln det XᵀV⁻¹X`. Its gradient in `L Lᵀ` is
@@ -214,8 +215,8 @@ impl MixedModel {
     /// The difference between groups of `asymptotes` times the asymptote plus `decay` times the amplitude: at trial k
     /// these are 1 and `exp(−(k − 1)/τ)`.
     ///
-    /// People and not trials are what is drawn, so that Student's t has as many degrees as there are people less the two
-    /// means of a group.
+    /// People and not trials are what is drawn, so that Student's t has as many degrees as there are people less the
+    /// two means of a group.
     #[must_use]
     pub fn difference(&self, asymptotes: f64, decay: f64) -> Option<ModelDifference> {
         let [_, _, group, group_decay] = self.coefficients[..] else { return None };

@@ -1,10 +1,10 @@
 //! Who learned what: the change with practice of each group, and the difference between groups, with intervals.
 //!
-//! Two stages. Each person's trials are summarised by a fitted curve ([`shape`]), whose first value, last value and change
-//! have standard errors ([`people`]); over people these are averaged by random effects ([`random_effects`]) and compared by
-//! exact permutation of people ([`permutation`]), with a mixed model on the trials ([`mixed_model`]) as a second method.
-//! Counts are compared by people ([`people_counts`]). People and never trials are what is drawn: trials of one person are
-//! not independent.
+//! Two stages. Each person's trials are summarised by a fitted curve ([`shape`]), whose first value, last value and
+//! change have standard errors ([`people`]); over people these are averaged by random effects ([`random_effects`]) and
+//! compared by exact permutation of people ([`permutation`]), with a mixed model on the trials ([`mixed_model`]) as a
+//! second method. Counts are compared by people ([`people_counts`]). People and never trials are what is drawn: trials
+//! of one person are not independent.
 
 pub mod counts;
 pub mod effect;

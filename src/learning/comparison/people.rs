@@ -43,8 +43,8 @@ pub enum Contrast {
     Last,
     /// Last less first.
     Change,
-    /// From the end of one session to the start of the next: the mean over the first trials there less the mean over the
-    /// last trials before. 0 is full retention; for an error, positive is forgetting.
+    /// From the end of one session to the start of the next: the mean over the first trials there less the mean over
+    /// the last trials before. 0 is full retention; for an error, positive is forgetting.
     Retention,
 }
 
@@ -73,7 +73,8 @@ pub struct PersonCurve {
     pub last_extrapolated: bool,
 }
 
-/// How another law describes a person's trials. It has as many parameters, so that the smaller residual sum fits better.
+/// How another law describes a person's trials. It has as many parameters, so that the smaller residual sum fits
+/// better.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct OtherLaw {
     /// The law.

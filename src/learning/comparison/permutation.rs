@@ -1,10 +1,10 @@
 //! Exact permutation tests over people, and the intervals that invert them.
 //!
 //! Under "the groups are alike" every allocation of the people to the groups is equally likely; p is the share of
-//! allocations whose difference of means is at least as large as the observed one (Fisher 1935). With a shift δ taken from
-//! the second group, the statistic of allocation j is `A_j − δ c_j`, linear in δ with |c_j| ≤ 1, and that of the observed
-//! one `d − δ`. Allocation j counts as extreme while δ lies between the roots `(d − A_j)/(1 − c_j)` and
-//! `(d + A_j)/(1 + c_j)`, an interval that holds d. So p(δ) falls on both sides of d, and the limits of the interval of all
+//! allocations whose difference of means is at least as large as the observed one (Fisher 1935). With a shift δ taken
+//! from the second group, the statistic of allocation j is `A_j − δ c_j`, linear in δ with |c_j| ≤ 1, and that of the
+//! observed one `d − δ`. Allocation j counts as extreme while δ lies between the roots `(d − A_j)/(1 − c_j)` and `(d +
+//! A_j)/(1 + c_j)`, an interval that holds d. So p(δ) falls on both sides of d, and the limits of the interval of all
 //! shifts that the test at 5 % keeps are order statistics of those roots: one enumeration serves test and interval.
 
 use crate::num::rng::stream;
@@ -157,8 +157,8 @@ fn draws(people: usize) -> usize {
     DRAWS.min(MOST_WORK / people).max(FEWEST_DRAWS)
 }
 
-/// All ways to choose `left` more of the values from index `from` on, with the sum so far and how many of the chosen are
-/// among the first `own_size`.
+/// All ways to choose `left` more of the values from index `from` on, with the sum so far and how many of the chosen
+/// are among the first `own_size`.
 fn choose(
     values: &[f64],
     own_size: usize,

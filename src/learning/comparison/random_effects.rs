@@ -2,10 +2,10 @@
 //! Hartung.
 //!
 //! `y_i = β₀ (+ β₁ g_i) + u_i + e_i`, var e_i = v_i known, var u_i = τ². With `w_i = 1/(v_i + τ²)`, β is the weighted
-//! least-squares estimate and τ² the root of the derivative of the restricted likelihood,
-//! `tr P = yᵀP²y`, `P = W − W X (XᵀWX)⁻¹ XᵀW` (Raudenbush 2009). Standard errors are those of weighted least squares times
-//! the root of `q = Σ w r²/(k − p)`, with Student's t of k − p degrees (Knapp & Hartung 2003): with few people z intervals
-//! hold far less than they say.
+//! least-squares estimate and τ² the root of the derivative of the restricted likelihood, `tr P = yᵀP²y`, `P = W − W X
+//! (XᵀWX)⁻¹ XᵀW` (Raudenbush 2009). Standard errors are those of weighted least squares times the root of `q = Σ w
+//! r²/(k − p)`, with Student's t of k − p degrees (Knapp & Hartung 2003): with few people z intervals hold far less
+//! than they say.
 
 use crate::num::distributions::{chi_square_cdf, chi_square_quantile, student_t, student_t_two_sided};
 use crate::num::roots::root;
@@ -44,8 +44,8 @@ pub struct RandomEffects {
     /// τ², the variance between people, in the squared unit of the metric. 0 does not say that people are alike: read
     /// the interval.
     pub tau2: f64,
-    /// The 95 % interval of τ² from the Q profile (Viechtbauer 2007); null where the people differ less than their errors
-    /// allow by chance (below the 2.5 % point), so that no τ² fits.
+    /// The 95 % interval of τ² from the Q profile (Viechtbauer 2007); null where the people differ less than their
+    /// errors allow by chance (below the 2.5 % point), so that no τ² fits.
     #[schemars(with = "Option<Vec<f64>>")]
     pub tau2_interval95: Option<[f64; 2]>,
     /// Degrees of freedom.

@@ -106,8 +106,8 @@ fn ends(cells: &[Cell], pairs: &[(usize, usize)]) -> Vec<(TrialKey, TrialKey)> {
     ends
 }
 
-/// The ids of everybody's first and last trial, whose first controls are counted: with another threshold than the stored
-/// one these must be judged anew.
+/// The ids of everybody's first and last trial, whose first controls are counted: with another threshold than the
+/// stored one these must be judged anew.
 #[must_use]
 pub fn first_and_last_trials(subjects: &[SubjectInput], options: &ComparisonOptions) -> Vec<String> {
     let subjects = chosen(subjects, options);

@@ -142,15 +142,15 @@ fn difference(comparison: &StudyComparison, names: &[String; 2], head: &str, con
     let result = format!("{kind} of {n} and {m} people p {}, {}", number(test.p), adjusted(comparison, Some(p), tests));
     let verdict = if test.smallest_p > LEVEL {
         format!(
-            "no test at 5 % exists with {n} and {m} people, whose smallest possible p is {}: this says nothing for or against \
-             a difference; it takes {} in each group",
+            "no test at 5 % exists with {n} and {m} people, whose smallest possible p is {}: this says nothing \
+             for or against a difference; it takes {} in each group",
             number(test.smallest_p),
             fewest_people(LEVEL)
         )
     } else if test.smallest_p * tests as f64 > LEVEL && p > LEVEL {
         format!(
-            "with {tests} tests adjusted for and {n} and {m} people, no single result could have reached 5 %: ask for fewer \
-             tests, or take {} people in each group",
+            "with {tests} tests adjusted for and {n} and {m} people, no single result could have reached 5 %: \
+             ask for fewer tests, or take {} people in each group",
             fewest_people(LEVEL / tests as f64)
         )
     } else if p <= LEVEL {
@@ -185,8 +185,8 @@ fn counts(comparison: &StudyComparison, pair: &ComparedPair, names: &[String; 2]
     if let (Some(test), true) = (&pair.counts.divergent, divergent.iter().sum::<usize>() > 0) {
         let bounds = test.interval95.map_or_else(String::new, |i| format!(" {}", interval(i)));
         found.push(format!(
-            "Divergent trials: {} in {}, {} in {}; their mean share of a person's trials differs by {}{bounds} (permutation of \
-             people p {}, {}).",
+            "Divergent trials: {} in {}, {} in {}; their mean share of a person's trials differs by {}{bounds} \
+             (permutation of people p {}, {}).",
             divergent[0],
             names[0],
             divergent[1],
@@ -208,8 +208,8 @@ fn counts(comparison: &StudyComparison, pair: &ComparedPair, names: &[String; 2]
             ""
         };
         found.push(format!(
-            "Right control at the start of the study's {at} trial (|u| > {threshold}): {} people in {}, {} in {}; difference \
-             {} {} (Fisher p {}, {}{none}).",
+            "Right control at the start of the study's {at} trial (|u| > {threshold}): {} people in {}, {} in \
+             {}; difference {} {} (Fisher p {}, {}{none}).",
             share(of[0]),
             names[0],
             share(of[1]),
@@ -300,8 +300,8 @@ fn of_group(comparison: &StudyComparison, group: &ComparedGroup, remarks: &mut V
                 format!("the first or last value of {name} is an extrapolation for {beyond}, who are {fate}");
             if divergent > 0 {
                 text += &format!(
-                    "; {divergent} of them have divergent trials: people who could not hold the object are not missing at \
-                     random"
+                    "; {divergent} of them have divergent trials: people who could not hold the object are not \
+                     missing at random"
                 );
             }
             add("extrapolated_people", text);
