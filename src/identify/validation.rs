@@ -100,7 +100,8 @@ fn explained_on(recorded: &[f64], simulated: &[f64], lines: &std::ops::Range<usi
     if missed.iter().any(|x| !x.is_finite()) || lines.is_empty() {
         return None;
     }
-    let [recorded, missed] = RealTransform::new(missed.len()).pair(recorded, &missed);
+    let transform = RealTransform::new(missed.len());
+    let (recorded, missed) = (transform.of(recorded), transform.of(&missed));
     let power = |grid: &[Complex64]| grid.get(lines.clone()).map(|own| own.iter().map(|x| x.norm_sqr()).sum::<f64>());
     let (all, left) = (power(&recorded)?, power(&missed)?);
     let share = 1.0 - left / all;
