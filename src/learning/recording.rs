@@ -18,9 +18,10 @@ use nalgebra::{DMatrix, DVector};
 /// Of less than this the output does not follow from the control through the plant.
 const EXPLAINED: f64 = 0.8;
 
-/// Two columns stand in each other's place if they explain this much, and this much more than as they are named.
+/// Two columns stand in each other's place if they explain this much, and leave less than this share of what is left as
+/// they are named.
 const EXCHANGED: f64 = 0.95;
-const CLEARLY: f64 = 0.3;
+const CLEARLY: f64 = 0.2;
 
 /// Sample times and durations, in seconds, outside of which no human motion is recorded: slower than 2 Hz a movement of
 /// a second is two samples, and no device samples people at 100 kHz.
@@ -131,7 +132,9 @@ fn mismatch(trial: &Trial, plant: &Model) -> Option<Doubt> {
         if !(moves(input) && moves(output)) {
             continue;
         }
-        let Some(other) = share(input, output).filter(|other| *other >= EXCHANGED && *other >= own + CLEARLY) else {
+        let Some(other) =
+            share(input, output).filter(|other| *other >= EXCHANGED && 1.0 - *other <= CLEARLY * (1.0 - own))
+        else {
             continue;
         };
         let message = format!(

@@ -29,7 +29,7 @@ pub(super) const GRID_TOLERANCE: f64 = 1e-3;
 pub(super) const ZERO_AMPLITUDE: f64 = 1e-10;
 
 /// Local polynomials are no more exact than this share of the response, which differences of it do not pass for leakage.
-const PRECISION: f64 = 1e-5;
+const PRECISION: f64 = 1e-4;
 
 /// A segment that went into an estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
