@@ -9,6 +9,9 @@ use num_complex::Complex64;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+/// A band with less than this share of the recording's power holds nothing but the rounding of its transform.
+const ROUNDING: f64 = 1e-24;
+
 /// A sampled model and a trial whose sample times differ by more than this share are not of one kind.
 const SAMPLE_TIME_TOLERANCE: f64 = 1e-5;
 
@@ -100,11 +103,13 @@ fn explained_on(recorded: &[f64], simulated: &[f64], lines: &std::ops::Range<usi
     if missed.iter().any(|x| !x.is_finite()) || lines.is_empty() {
         return None;
     }
-    let [recorded, missed] = RealTransform::new(missed.len()).pair(recorded, &missed);
+    let transform = RealTransform::new(missed.len());
+    let (recorded, missed) = (transform.of(recorded), transform.of(&missed));
     let power = |grid: &[Complex64]| grid.get(lines.clone()).map(|own| own.iter().map(|x| x.norm_sqr()).sum::<f64>());
     let (all, left) = (power(&recorded)?, power(&missed)?);
     let share = 1.0 - left / all;
-    (all > 0.0 && share.is_finite()).then_some(share)
+    let total: f64 = recorded.iter().map(|x| x.norm_sqr()).sum();
+    (all > ROUNDING * total && share.is_finite()).then_some(share)
 }
 
 fn continuous(

@@ -27,35 +27,23 @@ impl RealTransform {
         Self { forward: FftPlanner::new().plan_fft_forward(samples.max(1)) }
     }
 
-    /// `X_k = Σᵢ xᵢ e^{−2πj k i/N}`, `k = 0 … ⌊N/2⌋`, of two signals at once: one as the real, one as the imaginary
-    /// part of a complex signal, whose transform is taken apart by its symmetry.
+    /// `X_k = Σᵢ xᵢ e^{−2πj k i/N}`, `k = 0 … ⌊N/2⌋`.
     ///
     /// # Panics
-    /// If a signal has another length, which is a mistake of the caller.
-    pub(crate) fn pair(&self, first: &[f64], second: &[f64]) -> [Vec<Complex64>; 2] {
-        let n = self.forward.len();
-        assert!(first.len() == n && second.len() == n, "{} and {} samples, not {n}", first.len(), second.len());
-        let mut buffer: Vec<Complex64> = first.iter().zip(second).map(|(a, b)| Complex64::new(*a, *b)).collect();
+    /// If the signal has another length, which is a mistake of the caller.
+    pub(crate) fn of(&self, values: &[f64]) -> Vec<Complex64> {
+        assert_eq!(values.len(), self.forward.len(), "samples of a transform");
+        let mut buffer: Vec<Complex64> = values.iter().map(|x| Complex64::new(*x, 0.0)).collect();
         self.forward.process(&mut buffer);
-        let split = |k: usize| {
-            let (z, mirrored) = (buffer[k], buffer[(n - k) % n].conj());
-            let difference = z - mirrored;
-            [0.5 * (z + mirrored), Complex64::new(0.5 * difference.im, -0.5 * difference.re)]
-        };
-        let both: Vec<[Complex64; 2]> = (0..=n / 2).map(split).collect();
-        [0, 1].map(|which| both.iter().map(|pair| pair[which]).collect())
+        buffer.truncate(values.len() / 2 + 1);
+        buffer
     }
 }
 
 /// `X_k = Σᵢ xᵢ e^{−2πj k i/N}`, `k = 0 … ⌊N/2⌋`; nothing of nothing.
 #[must_use]
 pub(crate) fn real_transform(values: &[f64]) -> Vec<Complex64> {
-    let mut buffer: Vec<Complex64> = values.iter().map(|x| Complex64::new(*x, 0.0)).collect();
-    if !buffer.is_empty() {
-        FftPlanner::new().plan_fft_forward(buffer.len()).process(&mut buffer);
-        buffer.truncate(values.len() / 2 + 1);
-    }
-    buffer
+    if values.is_empty() { Vec::new() } else { RealTransform::new(values.len()).of(values) }
 }
 
 /// The real signal of `n` samples with this transform: the inverse of [`real_transform`].
@@ -207,18 +195,5 @@ mod tests {
         let ctl = Ctl::new();
         ctl.stop(crate::ctl::StopReason::Cancelled);
         assert!(real_transform_in_parts(&vec![1.0; 2 * AT_ONCE], &ctl).is_err());
-    }
-
-    #[test]
-    fn two_signals_at_once_are_the_same_two() {
-        for n in [1_usize, 2, 3, 8, 127, 242] {
-            let x: Vec<f64> = (0..n).map(|i| ((i * i) as f64 * 0.37).sin() + 0.2).collect();
-            let y: Vec<f64> = (0..n).map(|i| (i as f64 * 1.7).cos() * 3.0).collect();
-            let both = RealTransform::new(n).pair(&x, &y);
-            for (pair, own) in both.iter().zip([real_transform(&x), real_transform(&y)]) {
-                assert_eq!(pair.len(), own.len());
-                assert!(pair.iter().zip(&own).all(|(a, b)| (a - b).norm() < 1e-12 * n as f64), "{n}");
-            }
-        }
     }
 }

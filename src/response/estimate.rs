@@ -3,10 +3,11 @@
 use super::error::{FrequencyError, other};
 use super::excited::strongest;
 use super::grids::Grids;
-use super::removal::Local;
+use super::removal::{Local, are_significant};
 use super::segments::{self, Segment};
 use super::settings::{Channels, CheckedSettings, EndSample, FrequencySettings, Response, Stimulus, Window};
 use super::spectrum::{direct_transform, grid_transform, line_power, prepare};
+use super::usable::usable;
 use super::variance::{average, coherence, dark_lines, noise_power};
 use super::warnings::EstimateWarning;
 use super::{FrequencyData, lines};
@@ -27,9 +28,8 @@ pub(super) const GRID_TOLERANCE: f64 = 1e-3;
 /// An amplitude below this fraction of the signal's largest value is the rounding of the transform, not a signal.
 pub(super) const ZERO_AMPLITUDE: f64 = 1e-10;
 
-/// A line is usable if its error is at most this share of its response, or of the median response where its own is
-/// smaller.
-const USABLE: f64 = 0.2;
+/// Local polynomials are no more exact than this share of the response, which differences of it do not pass for leakage.
+const PRECISION: f64 = 1e-4;
 
 /// A segment that went into an estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,7 +79,7 @@ pub struct Estimate {
     /// noise, `None` where it cannot be told.
     pub leakage: Vec<Option<f64>>,
     /// Whether the error of the line is at most a fifth of its response (or of the median response, where that is
-    /// larger), as far as it is known.
+    /// larger), as far as it is known, and the data tell the response from the transient.
     pub usable: Vec<bool>,
     /// `|Σ R̄Y|²/(Σ|R|² Σ|Y|²)` over segments, times `|h|²/(|h|² + leakage²)`; `None` of a single one.
     pub coherence: Vec<Option<f64>>,
@@ -160,22 +160,13 @@ pub fn estimate_between(
             return Err(job.no_power(trial));
         }
     }
-    let local = job.local(&grids, &frequency_hz, ctl)?;
-    let removal = if !job.removes_transients() {
-        Removal::None
-    } else if !job.is_periodic(&frequency_hz) {
-        if local.iter().any(Option::is_some) { Removal::Local } else { Removal::None }
-    } else if job.transients_stand_out(&grids, &frequency_hz, &local) {
-        Removal::Corrected
-    } else {
-        Removal::Nothing
-    };
+    let (removal, local) = job.removal(&grids, &frequency_hz, ctl)?;
     Ok(job.assemble(frequency_hz, &transformed, &grids, &local, removal))
 }
 
 /// What becomes of transients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Removal {
+pub(super) enum Removal {
     /// They are kept.
     None,
     /// The segments are whole periods, and nothing stands above the noise.
@@ -231,6 +222,31 @@ impl<'a> Job<'a> {
             job.unused = job.unused.max(unused);
         }
         Ok(job)
+    }
+
+    /// What becomes of transients, and the local polynomials where they are needed for it.
+    fn removal(
+        &self,
+        grids: &[Grids],
+        frequency_hz: &[f64],
+        ctl: &Ctl,
+    ) -> Result<(Removal, Vec<Option<Local>>), FrequencyError> {
+        let is_periodic = self.removes_transients() && self.is_periodic(frequency_hz);
+        let alike = if is_periodic { self.dark_lines_are_alike(grids, frequency_hz) } else { None };
+        if alike == Some(false) {
+            return Ok((Removal::Nothing, vec![None; frequency_hz.len()]));
+        }
+        let local = self.local(grids, frequency_hz, ctl)?;
+        let removal = if !self.removes_transients() || local.iter().all(Option::is_none) {
+            Removal::None
+        } else if !is_periodic {
+            Removal::Local
+        } else if alike == Some(true) || are_significant(&local) {
+            Removal::Corrected
+        } else {
+            Removal::Nothing
+        };
+        Ok((removal, local))
     }
 
     pub(super) fn stimulus(&self, trial: usize, stimulus: Stimulus) -> Option<&'a [f64]> {
@@ -382,7 +398,7 @@ impl<'a> Job<'a> {
         let freedom = local.iter().flatten().map(|line| line.degrees_of_freedom).reduce(f64::min);
         let mut estimate = Estimate {
             omega_rad_s: frequency_hz.iter().map(|f| 2.0 * PI * f).collect(),
-            usable: usable(&h, &variance, &leakage),
+            usable: usable(&h, &variance, &leakage, local, removal),
             variance_source: variance.iter().any(Option::is_some).then_some(source),
             input_power: (0..frequency_hz.len())
                 .map(|line| transformed.iter().map(|t| t.power[line]).sum::<f64>() / count)
@@ -433,7 +449,7 @@ impl<'a> Job<'a> {
             (Removal::Local | Removal::Corrected, Some(_), Some(local)) => Some(local.leakage),
             // What differs from the local polynomials, beyond what noise makes of both.
             (Removal::None, Some(h), Some(local)) => {
-                let noise = local.ratio_variance + local.mean_square_error;
+                let noise = local.ratio_variance + local.mean_square_error + (PRECISION * h.norm()).powi(2);
                 let difference = (h - local.h).norm_sqr();
                 Some(if difference > noise { (difference - noise).sqrt() } else { 0.0 })
             }
@@ -466,18 +482,6 @@ struct Line {
     leakage: Option<f64>,
     coherence: Option<f64>,
     averages: usize,
-}
-
-fn usable(h: &[Option<Complex64>], variance: &[Option<f64>], leakage: &[Option<f64>]) -> Vec<bool> {
-    let mut sizes: Vec<f64> = h.iter().flatten().map(|h| h.norm()).collect();
-    sizes.sort_by(f64::total_cmp);
-    let typical = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0);
-    let is_usable = |i: usize| {
-        let Some(h) = h[i] else { return false };
-        let error = variance[i].unwrap_or(0.0) + leakage[i].unwrap_or(0.0).powi(2);
-        error.sqrt() <= USABLE * h.norm().max(typical)
-    };
-    (0..h.len()).map(is_usable).collect()
 }
 
 /// The grid line that a frequency is, if it is one.

@@ -57,13 +57,11 @@ impl Job<'_> {
             let mean = if keeps_mean { 0.0 } else { own.iter().sum::<f64>() / own.len() as f64 };
             own.iter().map(|x| x - mean).collect()
         };
-        let [input, mut output] = transform.pair(&cut(self.input(trial)), &cut(&self.output(trial)));
+        let input = transform.of(&cut(self.input(trial)));
+        let mut output = transform.of(&cut(&self.output(trial)));
         let power = powers(&input, segment.samples);
-        let other_power = self.other(trial).map_or_else(Vec::new, |column| {
-            let own = cut(column);
-            let [other, _] = transform.pair(&own, &own);
-            powers(&other, segment.samples)
-        });
+        let other_power =
+            self.other(trial).map_or_else(Vec::new, |column| powers(&transform.of(&cut(column)), segment.samples));
         let dark = if other_power.is_empty() {
             dark_lines(std::slice::from_ref(&power), Window::Rectangular)
         } else {

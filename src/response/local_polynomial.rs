@@ -44,6 +44,9 @@ const NOISE_NEIGHBOURS: usize = 2;
 /// found anywhere: the factor between the last lines of a chirp and the others.
 const LARGEST_TRANSIENT: f64 = 3.0;
 
+/// Where more than so many standard errors of the response may be left of the transient, it is not told from it.
+const UNTOLD: f64 = 2.0;
+
 /// Input and output of a segment on the lines `0 … ⌊N/2⌋` of its grid.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pair<'a> {
@@ -60,6 +63,9 @@ pub(super) struct LocalLine {
     pub mean_square_error: f64,
     /// What of the transient is left in h, root mean square.
     pub leakage: f64,
+    /// Whether the data tell the response from the transient: what may be left of it is no more than [`UNTOLD`]
+    /// standard errors.
+    pub is_told: bool,
     /// Real degrees of freedom of the noise's variance.
     pub degrees_of_freedom: f64,
     /// The transient of each segment, in units of its output's transform.
@@ -357,6 +363,7 @@ impl<const P: usize> Around<P> {
             // The posterior's variance holds a transient as large as elsewhere already.
             mean_square_error: found.response_variance[0] + (bound - left(&prior.transient)).max(0.0),
             leakage: bound.sqrt(),
+            is_told: bound <= UNTOLD * UNTOLD * found.response_variance[0],
             degrees_of_freedom: 2.0 * (equations - found.determined).max(0.5),
             transients: found.transients.iter().map(|t| t[0]).collect(),
             transient_variance: found.transient_variance.iter().map(|v| v[0]).sum::<f64>()

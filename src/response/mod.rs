@@ -43,6 +43,7 @@ mod segments;
 mod settings;
 mod spectrum;
 pub mod stimuli;
+mod usable;
 mod variance;
 mod warnings;
 

@@ -25,9 +25,13 @@ const PAIRS: usize = 16;
 /// How far above the highest line transients are looked for, in lines of the grid.
 const ABOVE: usize = 64;
 
-/// `n|ρ|²` of the correlation ρ of n neighbouring dark lines, and the squared ratio of transients to their standard
-/// error: of white noise alone larger in one of e⁹ cases, and of 50.
+/// `n|ρ|²` of the correlation ρ of n neighbouring dark lines is larger in one of e⁹ cases of white noise.
 const CORRELATED: f64 = 9.0;
+
+/// Dark lines below this share of the largest line of the output are rounding of the record.
+const ROUNDING: f64 = 1e-9;
+
+/// Mean square of the transients against their variance from which they are there.
 const SIGNIFICANT: f64 = 4.0;
 
 /// What the local polynomials say at a line about all segments.
@@ -36,6 +40,7 @@ pub(super) struct Local {
     pub h: Complex64,
     pub mean_square_error: f64,
     pub leakage: f64,
+    pub is_told: bool,
     pub degrees_of_freedom: f64,
     /// Transient of every segment; `None` of a segment of another length that has no input there.
     pub transients: Vec<Option<Complex64>>,
@@ -127,6 +132,7 @@ impl Job<'_> {
             h: line.h,
             mean_square_error: line.mean_square_error,
             leakage: line.leakage,
+            is_told: line.is_told,
             degrees_of_freedom: line.degrees_of_freedom,
             transients,
             significance: square / line.transient_variance.max(f64::MIN_POSITIVE),
@@ -135,14 +141,16 @@ impl Job<'_> {
     }
 
     /// Whether transients of periodic segments stand above the noise: neighbouring lines without a stimulus are then
-    /// alike. Where there are too few of those, whether the transients at the lines are larger than their errors.
-    pub(super) fn transients_stand_out(&self, grids: &[Grids], frequency_hz: &[f64], local: &[Option<Local>]) -> bool {
+    /// alike, and larger than rounding. `None` where there are too few of them to say.
+    pub(super) fn dark_lines_are_alike(&self, grids: &[Grids], frequency_hz: &[f64]) -> Option<bool> {
         let (mut cross, mut power, mut count) = (Complex64::default(), 0.0, 0_usize);
+        let mut largest = 0.0_f64;
         for (piece, grids) in self.pieces.iter().zip(grids) {
             let length_s = piece.segment.period as f64 * self.trials[piece.trial].sample_time_s;
             let highest = frequency_hz.last().map_or(0, |f| (f * length_s).round() as usize);
             let last = (highest + ABOVE).min(grids.output.len().saturating_sub(2));
             for k in 1..last {
+                largest = largest.max(grids.output[k].norm_sqr());
                 if grids.dark[k] && grids.dark[k + 1] {
                     cross += grids.output[k] * grids.output[k + 1].conj();
                     power += 0.5 * (grids.output[k].norm_sqr() + grids.output[k + 1].norm_sqr());
@@ -150,12 +158,16 @@ impl Job<'_> {
                 }
             }
         }
-        if count >= PAIRS {
-            return cross.norm_sqr() * count as f64 > CORRELATED * power * power;
-        }
-        let known: Vec<f64> = local.iter().flatten().map(|line| line.significance).collect();
-        !known.is_empty() && known.iter().sum::<f64>() > SIGNIFICANT * known.len() as f64
+        let is_more_than_rounding = power > ROUNDING * ROUNDING * largest * count as f64;
+        let is_alike = cross.norm_sqr() * count as f64 > CORRELATED * power * power;
+        (count >= PAIRS).then_some(is_more_than_rounding && is_alike)
     }
+}
+
+/// Whether transients at the lines are larger than their errors.
+pub(super) fn are_significant(local: &[Option<Local>]) -> bool {
+    let known: Vec<f64> = local.iter().flatten().map(|line| line.significance).collect();
+    !known.is_empty() && known.iter().sum::<f64>() > SIGNIFICANT * known.len() as f64
 }
 
 impl Local {
@@ -171,6 +183,7 @@ impl Local {
             h: self.h * a + other.h * b,
             mean_square_error: 1.0 / sum,
             leakage: self.leakage * a + other.leakage * b,
+            is_told: self.is_told || other.is_told,
             degrees_of_freedom: self.degrees_of_freedom + other.degrees_of_freedom,
             transients: self.transients.into_iter().zip(other.transients).map(|(a, b)| a.or(b)).collect(),
             significance: 0.5 * (self.significance + other.significance),

@@ -180,7 +180,8 @@ pub struct FrequencySettings {
     /// The segments: `[{"start_s", "end_s"}, ..]`, `{"count": 2}` or `{"length_s": 20, "start_s": 5}`.
     /// Default: those of the preset; for other lines one segment with all samples of the record.
     pub segments: Option<Segments>,
-    /// What is taken off every segment. Default: `line`; nothing for the presets and where the line 0 Hz is named.
+    /// What is taken off every segment. Default: `line` where transients are removed, `mean` where they are kept; nothing
+    /// for the presets and where the line 0 Hz is named.
     pub detrend: Option<Detrend>,
     /// What becomes of transients. Default: `remove`; `keep` for the presets and with a window.
     pub transients: Option<Transients>,
@@ -310,13 +311,17 @@ impl FrequencySettings {
             Lines::FrequencyHz(lines) => Some(sorted_lines(lines)?),
         };
         let names_zero = frequency_hz.as_ref().is_some_and(|lines: &Vec<f64>| lines.contains(&0.0));
-        let detrend = self.detrend.unwrap_or(if preset || names_zero { Detrend::None } else { Detrend::Line });
-        if detrend != Detrend::None && names_zero {
-            return Err(wrong("/detrend", "taking off the mean or a trend leaves nothing at the line 0 Hz"));
-        }
         let is_windowed = self.window != Window::Rectangular;
         let transients =
             self.transients.unwrap_or(if preset || is_windowed { Transients::Keep } else { Transients::Remove });
+        let detrend = self.detrend.unwrap_or(match transients {
+            _ if preset || names_zero => Detrend::None,
+            Transients::Remove => Detrend::Line,
+            Transients::Keep => Detrend::Mean,
+        });
+        if detrend != Detrend::None && names_zero {
+            return Err(wrong("/detrend", "taking off the mean or a trend leaves nothing at the line 0 Hz"));
+        }
         if transients == Transients::Remove && is_windowed {
             return Err(wrong(
                 "/transients",

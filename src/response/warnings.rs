@@ -238,8 +238,8 @@ fn warn_of_errors(estimate: &Estimate, warnings: &mut Vec<EstimateWarning>) {
     let lines = chosen(estimate, |line| estimate.h[line].is_some() && !estimate.usable[line]);
     if !lines.is_empty() {
         let message = format!(
-            "the error at {} is more than a fifth of the response (of the median response, where that is larger): \
-             these lines are not usable",
+            "the error at {} is more than a fifth of the response (of the median response, where that is larger), or \
+             the command hardly tells the response from the transient there: these lines are not usable",
             hertz(&lines)
         );
         warnings.push(EstimateWarning::new("line_not_usable", message));

@@ -12,9 +12,10 @@ use std::time::Duration;
 use tokio::sync::Notify;
 
 /// The migrations, by version. The macro of sqlx that reads the folder would compile SQLite a second time.
-const MIGRATIONS: [(i64, &str, &str); 3] = [
+const MIGRATIONS: [(i64, &str, &str); 4] = [
     (1, "studies trials analyses", include_str!("../../migrations/0001_studies_trials_analyses.sql")),
     (2, "brackets", include_str!("../../migrations/0002_brackets.sql")),
+    (3, "trial warnings", include_str!("../../migrations/0003_trial_warnings.sql")),
     (4, "phases", include_str!("../../migrations/0004_phases.sql")),
 ];
 

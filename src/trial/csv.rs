@@ -71,9 +71,9 @@ pub struct Options {
 /// The first [`ReadError`] from the top of the file, with its line (counted from 1, the header included) and column.
 pub fn read(source: impl Read, options: &Options) -> Result<ReadTrial, ReadError> {
     let mut lines = Lines::new(source, options.limits.max_bytes);
-    let Some(first) = lines.next_record()? else { return Err(ReadError::Empty) };
+    let Some(first) = lines.next_record(Vec::new())? else { return Err(ReadError::Empty) };
     if first.text.trim_ascii().is_empty() {
-        while let Some(record) = lines.next_record()? {
+        while let Some(record) = lines.next_record(Vec::new())? {
             if !record.text.trim_ascii().is_empty() {
                 return Err(ReadError::BlankLine { line: first.line });
             }
@@ -83,9 +83,11 @@ pub fn read(source: impl Read, options: &Options) -> Result<ReadTrial, ReadError
     let header = Header::parse(&first, &options.columns)?;
     let mut table = Table::default();
     let mut blank = None;
-    while let Some(record) = lines.next_record()? {
+    let mut spare = first.text;
+    while let Some(record) = lines.next_record(std::mem::take(&mut spare))? {
         if record.text.trim_ascii().is_empty() {
             blank.get_or_insert(record.line);
+            spare = record.text;
             continue;
         }
         if let Some(line) = blank {
@@ -95,6 +97,7 @@ pub fn read(source: impl Read, options: &Options) -> Result<ReadTrial, ReadError
             return Err(ReadError::TooManyRows { limit: options.limits.max_rows });
         }
         table.push(&header, &record)?;
+        spare = record.text;
     }
     if table.rows() == 0 {
         return Err(ReadError::NoRows);
@@ -131,9 +134,12 @@ impl<R: Read> Lines<R> {
         Self { source: BufReader::with_capacity(64 * 1024, source), line: 0, bytes_left: max_bytes, max_bytes }
     }
 
-    fn next_record(&mut self) -> Result<Option<Record>, ReadError> {
+    /// The next record, in the memory of one that is not needed any more.
+    fn next_record(&mut self, spare: Vec<u8>) -> Result<Option<Record>, ReadError> {
         let line = self.line + 1;
-        let mut text = Vec::new();
+        let mut text = spare;
+        text.clear();
+        let mut quotes;
         loop {
             let began = text.len();
             if !self.append_line(line, &mut text)? {
@@ -142,7 +148,8 @@ impl<R: Read> Lines<R> {
             if line == 1 && began == 0 && text.starts_with(b"\xef\xbb\xbf") {
                 text.drain(..3);
             }
-            if text.iter().filter(|byte| **byte == b'"').count() % 2 == 0 {
+            quotes = text.iter().filter(|byte| **byte == b'"').count();
+            if quotes % 2 == 0 {
                 break;
             }
             debug_assert!(text.len() > began, "a line has at least its line end");
@@ -153,7 +160,7 @@ impl<R: Read> Lines<R> {
         if text.ends_with(b"\r") {
             text.pop();
         }
-        if !text.contains(&b'"') && text.contains(&b'\r') {
+        if quotes == 0 && text.contains(&b'\r') {
             return Err(ReadError::CarriageReturn { line });
         }
         if let Err(error) = std::str::from_utf8(&text) {

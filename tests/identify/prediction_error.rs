@@ -253,7 +253,7 @@ fn intervals_hold_for_people_outside_the_class() {
     }
     println!("{inside:?} of {white}");
     assert!(white >= 34, "{white}");
-    assert!(inside.iter().all(|n| f64::from(*n) >= 0.88 * f64::from(white)), "{inside:?} of {white}");
+    assert!(inside.iter().all(|n| *n as f64 >= 0.88 * white as f64), "{inside:?} of {white}");
 }
 
 #[test]

@@ -9,7 +9,8 @@ use volition::ctl::Ctl;
 use volition::num::rng::{Stream, stream};
 use volition::response::{
     Average, Bounds, Channels, CountSegments, Detrend, EndSample, Estimate, FrequencyError, FrequencySettings,
-    LengthSegments, Lines, Response, Segments, Stimulus, Window, direct_transform, estimate, estimate_between,
+    LengthSegments, Lines, Response, Segments, Stimulus, Transients, Window, direct_transform, estimate,
+    estimate_between,
 };
 use volition::trial::csv::Options;
 use volition::trial::gzip::GzipReader;
@@ -140,6 +141,8 @@ fn the_naive_sum_agrees() {
         lines: Lines::FrequencyHz(vec![0.1, 0.3777]),
         segments: Some(Segments::Bounds(vec![Bounds { start_s: 3.0, end_s: 17.0 }])),
         end_sample: Some(EndSample::Included),
+        detrend: Some(Detrend::None),
+        transients: Some(Transients::Keep),
         ..Default::default()
     };
     let found = estimate(&[&recording], &settings).unwrap();
@@ -306,6 +309,8 @@ fn the_end_sample_matters_little_for_a_chirp_and_all_for_a_period() {
             lines: Lines::FrequencyHz(named.clone()),
             segments: Some(Segments::Bounds(vec![Bounds { start_s: 24.0, end_s: 36.0 }])),
             end_sample: Some(end_sample),
+            transients: Some(Transients::Keep),
+            detrend: Some(Detrend::None),
             ..Default::default()
         };
         let found = estimate(&[&recording], &settings).unwrap();
@@ -340,7 +345,8 @@ fn the_presets_are_those_of_the_paper() {
     assert!(found.frequency_hz.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-15));
     assert_eq!(found.segments.iter().map(|s| s.samples).collect::<Vec<_>>(), [20_001, 20_001]);
     assert!(found.h.iter().all(|h| (h.unwrap() - 1.0).norm() < 1e-12));
-    assert_eq!(codes(&found), ["leakage", "few_averages"]);
+    // What answers without memory has no transient.
+    assert_eq!(codes(&found), ["few_averages"]);
 
     let recording = trial(0.02, chirp_60(), chirp_60(), None);
     let found =
@@ -348,7 +354,7 @@ fn the_presets_are_those_of_the_paper() {
     assert_eq!(found.frequency_hz.len(), 31);
     assert!(found.omega_rad_s.iter().enumerate().all(|(k, w)| (w - PI / 30.0 * k as f64).abs() < 1e-14));
     assert_eq!(found.segments[0].samples, 3001);
-    assert_eq!(codes(&found), ["leakage", "few_averages", "variance_unknown"]);
+    assert_eq!(codes(&found), ["few_averages", "variance_unknown"]);
     assert_eq!(found.data().variance, None);
     assert_eq!(found.data().h.len(), 31);
     // An 80-s preset has no place in a 60-s record.

@@ -44,7 +44,8 @@ fn a_segment_without_power_is_named() {
     let recording = trial(DT, r.clone(), r, None);
     let lines = Lines::FrequencyHz(vec![2.0 / 12.0, 5.0 / 12.0]);
     let segments = Some(Segments::Count(CountSegments { count: 2 }));
-    let settings = FrequencySettings { lines, segments, ..Default::default() };
+    let transients = Some(Transients::Keep);
+    let settings = FrequencySettings { lines, segments, transients, ..Default::default() };
     let found = estimate(&[&recording], &settings).unwrap();
     // There the power is nil, so its ratio is left out of the mean.
     assert_eq!(found.averages, [2, 1]);

@@ -193,6 +193,7 @@ fn trial(number: i64, session: Option<i64>, error: f64) -> TrialInput {
             right_control_threshold: 0.05,
         },
         identifications: Vec::new(),
+        by_other_estimators: Vec::new(),
     }
 }
 

@@ -124,10 +124,10 @@ fn every_refusal_names_its_place() {
         ("/inputs/plant", json!({"num": [0], "den": [1, 1]}), Code::NotIdentifiable, "/inputs", "none of the 20"),
         (
             "/inputs/frequency_response/omega_rad_s/3",
-            json!(0.1),
+            json!(-0.1),
             Code::Invalid,
             "/inputs/frequency_response/omega_rad_s/3",
-            "increase",
+            "negative",
         ),
         ("/inputs/frequency_response/h/3", json!([1.0]), Code::Invalid, "/inputs/frequency_response", "length"),
         (

@@ -217,10 +217,10 @@ fn every_refusal_names_its_place() {
         ),
         (
             "/inputs/frequency_response/omega_rad_s/3",
-            json!(0.0),
+            json!(-0.1),
             Code::Invalid,
             "/inputs/frequency_response/omega_rad_s/3",
-            "increase",
+            "negative",
         ),
     ] {
         let mut request = request();

@@ -114,14 +114,14 @@ fn every_refusal_names_its_place() {
     short["frequency_response"]["h_yd"] = json!([[1.0, 0.0]]);
     let mut zero = responses_of(true);
     zero["frequency_response"]["h_yr"][2] = json!([0.0, 0.0]);
-    let mut unsorted = responses_of(true);
-    unsorted["frequency_response"]["omega_rad_s"][1] = json!(0.1);
+    let mut twins = responses_of(true);
+    twins["frequency_response"]["omega_rad_s"][1] = twins["frequency_response"]["omega_rad_s"][0].clone();
     let mut lone = responses_of(true);
     lone["frequency_response"]["variance_yr"] = json!(vec![1.0; 12]);
     for (inputs, location) in [
         (short, "/inputs/frequency_response/h_yd"),
         (zero, "/inputs/frequency_response/h_yr/2"),
-        (unsorted, "/inputs/frequency_response/omega_rad_s/1"),
+        (twins, "/inputs/frequency_response/omega_rad_s/1"),
         (lone, "/inputs/frequency_response/variance_yr"),
     ] {
         let Err(Failure::Problem(problem)) = run(inputs, json!({})) else { panic!("{location}") };

@@ -14,6 +14,7 @@ mod learning;
 mod limits;
 mod openapi;
 mod plants;
+mod recordings;
 mod service;
 mod ssid;
 mod studies;
