@@ -23,4 +23,6 @@ mod warnings;
 pub mod written;
 
 #[cfg(test)]
+mod cases;
+#[cfg(test)]
 mod tests;

@@ -28,8 +28,23 @@ pub(super) struct Primal {
     pub p: DMatrix<f64>,
     pub r: DMatrix<f64>,
     pub q: DMatrix<f64>,
-    /// How many times its rounding the least eigenvalue of Q is, scaled to a unit diagonal.
+    /// How many times its rounding the margin of Q is.
     pub ratio: f64,
+    /// What rounding makes of each row of Q at most: `|ΔQ| ⪯ diag` of these.
+    pub moved: DVector<f64>,
+}
+
+/// The equality in one of its forms: `BᵀPM = WK` with W = R and M = I (A − BK in sampled time), or in sampled time
+/// with W = R + BᵀPB and M = A. Each loses digits where its M is nearly singular.
+struct Form {
+    /// |M⁻¹|.
+    inverse: DMatrix<f64>,
+    /// |KM⁻¹|.
+    gain: DMatrix<f64>,
+    /// KM⁻¹B, with which W is symmetric.
+    product: DMatrix<f64>,
+    /// Whether W is R + BᵀPB.
+    is_sum: bool,
 }
 
 /// What is needed of the data to bound ΔQ.
@@ -37,52 +52,53 @@ pub(super) struct PrimalTest<'a> {
     core: &'a Core,
     /// |B⁺|ᵀ, n×m.
     pseudo: DMatrix<f64>,
-    /// |A⁻¹| or |A_c⁻¹| in sampled time, whichever is smaller.
-    inverse: Option<DMatrix<f64>>,
+    forms: Vec<Form>,
 }
 
 fn definite(m: &DMatrix<f64>) -> Option<Cholesky<f64, nalgebra::Dyn>> {
     m.clone().cholesky()
 }
 
+/// K or one near it, and how far W and the equality are from exact ones.
+struct Standing {
+    gain: DMatrix<f64>,
+    /// A bound of the change of W.
+    moved: f64,
+    /// What the equality misses, entry by entry.
+    missing: DMatrix<f64>,
+}
+
 impl<'a> PrimalTest<'a> {
     pub(super) fn new(core: &'a Core) -> Option<Self> {
         let pseudo = core.b.clone().pseudo_inverse(UNIT * core.b.norm()).ok()?.transpose().abs();
-        let inverse = match core.clock {
-            Clock::Continuous => None,
-            Clock::Sampled => {
-                let closed = core.closed_loop().try_inverse();
-                let open = core.a.clone().try_inverse();
-                let smaller = match (closed, open) {
-                    (Some(x), Some(y)) => Some(if x.norm() < y.norm() { x } else { y }),
-                    (x, y) => x.or(y),
-                };
-                Some(smaller?.abs())
-            }
+        let n = core.states();
+        let form = |m: DMatrix<f64>, is_sum: bool| {
+            let inverse = m.try_inverse()?;
+            let gain = &core.k * &inverse;
+            Some(Form { inverse: inverse.abs(), product: &gain * &core.b, gain: gain.abs(), is_sum })
         };
-        Some(Self { core, pseudo, inverse })
+        let forms: Vec<Form> = match core.clock {
+            Clock::Continuous => form(DMatrix::identity(n, n), false).into_iter().collect(),
+            Clock::Sampled => form(core.closed_loop(), false).into_iter().chain(form(core.a.clone(), true)).collect(),
+        };
+        (!forms.is_empty()).then_some(Self { core, pseudo, forms })
     }
 
-    /// How far R is from one that `RM = MᵀR` holds for exactly, with `M = KB` (`K(A − BK)⁻¹B`): the symmetric matrices go
-    /// onto the antisymmetric ones under `R ↦ RM − MᵀR` where M has distinct eigenvalues.
-    fn asymmetry(&self, r: &DMatrix<f64>) -> Option<f64> {
-        let Core { b, k, clock, .. } = self.core;
-        let m = r.nrows();
-        if m == 1 {
+    /// How far W is from one that `W·M = Mᵀ·W` holds for exactly, M the product of the form: the symmetric matrices go
+    /// onto the antisymmetric ones under `W ↦ WM − MᵀW` where M has distinct eigenvalues.
+    fn asymmetry(&self, form: &Form, weight: &DMatrix<f64>) -> Option<f64> {
+        if weight.nrows() == 1 {
             return Some(0.0);
         }
-        let product = match clock {
-            Clock::Continuous => k * b,
-            Clock::Sampled => k * self.core.closed_loop().lu().solve(b)?,
-        };
-        let map = asymmetry_map(&product);
-        let values = linalg::singular_values(&map).ok()?;
-        let half = r * &product;
-        let rounded = 4.0 * (b.nrows() as f64) * UNIT * r.norm() * k.norm() * b.norm();
-        let found =
-            (&half - half.transpose()).norm() + if *clock == Clock::Continuous { rounded } else { 4.0 * rounded };
+        let (n, m) = self.core.b.shape();
+        let values = linalg::singular_values(&asymmetry_map(&form.product)).ok()?;
+        let half = weight * &form.product;
+        // Of this product, and of that in the form.
+        let own = (m + 2) as f64 * (weight.abs() * form.product.abs()).norm();
+        let inner = (n + 2) as f64 * (weight.abs() * (&form.gain * self.core.b.abs())).norm();
+        let rounded = UNIT * (own + inner);
         let least = *values.last()?;
-        (least > 0.0).then(|| found / least)
+        (least > 0.0).then(|| ((&half - half.transpose()).norm() + rounded) / least)
     }
 
     /// The certificate of P and R; `None` where they prove nothing.
@@ -90,8 +106,14 @@ impl<'a> PrimalTest<'a> {
         self.check_within(p, r, &self.core.rounding.k).filter(|found| found.ratio > CLEAR)
     }
 
-    /// The same with another box of K; the ratio may be below 1.
+    /// The same with another box of K, in the form that proves most; the ratio may be below 1.
     pub(super) fn check_within(&self, p: &DMatrix<f64>, r: &DMatrix<f64>, box_k: &DMatrix<f64>) -> Option<Primal> {
+        let found = self.forms.iter().filter_map(|form| self.check_form(form, p, r, box_k));
+        found.max_by(|x, y| x.ratio.total_cmp(&y.ratio))
+    }
+
+    /// How far P and R are from exact ones for K, or for a gain within its rounding.
+    fn standing(&self, form: &Form, p: &DMatrix<f64>, r: &DMatrix<f64>) -> Option<(Standing, DMatrix<f64>)> {
         let Core { a, b, k, clock, rounding } = self.core;
         let values = r.symmetric_eigenvalues();
         if values.min() < FLOOR * values.mean() {
@@ -104,61 +126,58 @@ impl<'a> PrimalTest<'a> {
         };
         definite(&weight)?;
         let k_there = solve_symmetric(&weight, &right);
-        let is_near = (&k_there - k).iter().zip(rounding.k.iter()).all(|(d, bound)| d.abs() <= *bound);
-        // Otherwise K itself, with R moved so that P exists exactly, and P with it.
-        let (gain, moved_r, missing) = if is_near {
-            (k_there, 0.0, DMatrix::zeros(k.nrows(), k.ncols()))
-        } else {
-            (k.clone(), self.asymmetry(r)?, (&right - &weight * k).abs())
-        };
-        if moved_r > 0.1 * values.min() || gain.iter().any(|v| !v.is_finite()) {
-            return None;
+        if (&k_there - k).iter().zip(rounding.k.iter()).all(|(d, bound)| d.abs() <= *bound) {
+            let missing = DMatrix::zeros(k.nrows(), k.ncols());
+            return Some((Standing { gain: k_there, moved: 0.0, missing }, weight));
         }
+        // Otherwise K itself, with W moved so that P exists exactly, and P with it.
+        let moved = self.asymmetry(form, if form.is_sum { &weight } else { r })?;
+        let in_r = if form.is_sum { moved * (1.0 + form.product.norm()) } else { moved };
+        let missing = (right - &weight * k).abs();
+        let is_small = in_r <= 0.1 * values.min() && missing.iter().all(|v| v.is_finite());
+        is_small.then_some((Standing { gain: k.clone(), moved, missing }, weight))
+    }
+
+    fn check_form(&self, form: &Form, p: &DMatrix<f64>, r: &DMatrix<f64>, box_k: &DMatrix<f64>) -> Option<Primal> {
+        let Core { a, b, k, clock, rounding } = self.core;
+        let (Standing { gain, moved: moved_w, missing }, weight) = self.standing(form, p, r)?;
         let q = state_weight(a, b, &gain, p, r, *clock);
-        let (abs_p, abs_k, abs_w) = (p.abs(), k.abs(), weight.abs());
-        let in_r = DMatrix::from_element(r.nrows(), r.nrows(), moved_r);
-        let missing = missing + &in_r * &abs_k;
-        let moved = match clock {
-            Clock::Continuous => {
-                let e = &abs_w * box_k + rounding.b.tr_mul(&abs_p) + missing;
-                let dp = &self.pseudo * e;
-                let dp = &dp + dp.transpose();
-                let gain = box_k.tr_mul(&(&abs_w * &abs_k));
-                let plant = rounding.a.tr_mul(&abs_p) + a.abs().tr_mul(&dp);
-                &gain + gain.transpose() + &plant + plant.transpose()
-            }
-            Clock::Sampled => {
-                let abs_a = a.abs();
-                let abs_b = b.abs();
-                let bpa = abs_b.tr_mul(&(&abs_p * &rounding.a)) + rounding.b.tr_mul(&(&abs_p * &abs_a));
-                let e = (&abs_w * box_k + bpa + missing) * self.inverse.as_ref()?;
-                let dp = &self.pseudo * e;
-                let dp = &dp + dp.transpose();
-                let gain = box_k.tr_mul(&(&abs_w * &abs_k));
-                let plant = rounding.a.tr_mul(&(&abs_p * &abs_a));
-                let through_b = abs_b.transpose() * &dp * &abs_b + {
-                    let one = rounding.b.tr_mul(&(&abs_p * &abs_b));
-                    &one + one.transpose()
-                };
-                let closed = (a - b * k).abs();
-                &gain
-                    + gain.transpose()
-                    + &plant
-                    + plant.transpose()
-                    + &dp
-                    + closed.tr_mul(&(&dp * &closed))
-                    + abs_k.tr_mul(&(through_b * &abs_k))
-            }
+        let (abs_p, abs_k, abs_w, abs_a, abs_b) = (p.abs(), k.abs(), weight.abs(), a.abs(), b.abs());
+        let from_plant = match clock {
+            Clock::Continuous => rounding.b.tr_mul(&abs_p),
+            Clock::Sampled => abs_b.tr_mul(&(&abs_p * &rounding.a)) + rounding.b.tr_mul(&(&abs_p * &abs_a)),
         };
-        let moved = moved + abs_k.tr_mul(&(in_r * &abs_k));
+        // What is missing in BᵀP, and so in P.
+        let e = (&abs_w * box_k + from_plant + missing) * &form.inverse
+            + DMatrix::from_fn(r.nrows(), a.nrows(), |_, j| moved_w * form.gain.column(j).norm());
+        let dp = &self.pseudo * e;
+        let dp = &dp + dp.transpose();
+        let twice = |m: DMatrix<f64>| &m + m.transpose();
+        let direct = twice(box_k.tr_mul(&(&abs_w * &abs_k))) + abs_k.tr_mul(&abs_k) * (moved_w * r.nrows() as f64);
+        let moved = direct
+            + match clock {
+                Clock::Continuous => twice(rounding.a.tr_mul(&abs_p) + abs_a.tr_mul(&dp)),
+                Clock::Sampled => {
+                    let closed = (a - b * k).abs();
+                    let through_b = abs_b.tr_mul(&(&dp * &abs_b)) + twice(rounding.b.tr_mul(&(&abs_p * &abs_b)));
+                    twice(rounding.a.tr_mul(&(&abs_p * &abs_a)))
+                        + &dp
+                        + closed.tr_mul(&(&dp * &closed))
+                        + abs_k.tr_mul(&(through_b * &abs_k))
+                }
+            };
         let d = q.diagonal();
         if d.iter().any(|v| v.is_nan() || *v <= 0.0) {
-            return Some(Primal { p: p.clone(), r: r.clone(), q, ratio: 0.0 });
+            return None;
         }
-        let scaled = |m: &DMatrix<f64>| DMatrix::from_fn(d.len(), d.len(), |i, j| m[(i, j)] / (d[i] * d[j]).sqrt());
-        let least = scaled(&q).symmetric_eigenvalues().min();
-        let bound = scaled(&moved).norm();
-        Some(Primal { p: p.clone(), r: r.clone(), q, ratio: least / bound })
+        let scaled = |m: &DMatrix<f64>, d: &DVector<f64>| {
+            DMatrix::from_fn(d.len(), d.len(), |i, j| m[(i, j)] / (d[i] * d[j]).sqrt())
+        };
+        let least = |d: &DVector<f64>| scaled(&q, d).symmetric_eigenvalues().min();
+        let rows = moved.column_sum();
+        // Against a unit diagonal, and against a diagonal that dominates what rounding moves; either bound holds.
+        let ratio = (least(&d) / symmetric(&scaled(&moved, &d)).symmetric_eigenvalues().max()).max(least(&rows));
+        Some(Primal { p: p.clone(), r: r.clone(), q, ratio, moved: rows })
     }
 }
 

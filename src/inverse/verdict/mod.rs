@@ -226,7 +226,7 @@ fn several_inputs(reach: &Reach, ctl: &Ctl) -> Result<Decision, DecisionError> {
     };
     Ok(match outcome {
         Outcome::Primal(found) => {
-            let Primal { p, r, q, ratio } = &found;
+            let Primal { p, r, q, ratio, .. } = &found;
             let evidence = Evidence::Weights { p: reach.state_weight(p), r: reach.input_weight(r) };
             let mut decision = Decision::new(Verdict::Feasible, evidence, Some(*ratio));
             decision.relative_change = distance::primal(core, p, r);

@@ -23,6 +23,8 @@ const ROUNDS: usize = 30;
 const ADDED: usize = 4;
 /// Relative duality gap of a round.
 const GAP: f64 = 1e-9;
+/// Runs with margins in other units of the states at most, the first included.
+const REWEIGHTS: usize = 3;
 /// Shares of the best margin at which P is looked for.
 const LEVELS: [f64; 3] = [0.5, 0.1, 0.01];
 /// Shares of an exciting multiplier mixed into a dual.
@@ -59,7 +61,7 @@ impl From<NoConvergence> for PlaneError {
 /// R in m to m(m + 1)/2 unknowns, and what follows from it.
 struct Plane<'a> {
     core: &'a Core,
-    reduced: &'a Reduced,
+    reduced: Reduced,
     dual: DualTest<'a>,
     /// `tr R = m`: R₀ and the directions.
     weights: Vec<DMatrix<f64>>,
@@ -124,7 +126,8 @@ pub(super) fn search(core: &Core, reduced: &Reduced, ctl: &Ctl) -> Result<Outcom
     if traces.norm() <= 1e-10 {
         // No R of positive trace at all: T = I is orthogonal to all of them.
         let found = dual.turned(&DMatrix::zeros(m, core.states()), &DMatrix::identity(m, m));
-        let plane = Plane { core, reduced, dual, weights: Vec::new(), constants: Vec::new(), scale: 1.0 };
+        let plane =
+            Plane { core, reduced: reduced.clone(), dual, weights: Vec::new(), constants: Vec::new(), scale: 1.0 };
         return Ok(plane.certified(&found, Vec::new()));
     }
     let sum = |z: &DVector<f64>| basis.iter().zip(z.iter()).fold(DMatrix::zeros(m, m), |s, (b, f)| s + b * *f);
@@ -135,8 +138,16 @@ pub(super) fn search(core: &Core, reduced: &Reduced, ctl: &Ctl) -> Result<Outcom
     let plant = if core.clock == Clock::Continuous { a } else { 1.0 };
     let scale = k * k + plant * k / b;
     let constants = weights.iter().map(|r| reduced.constant(r) / scale).collect();
-    let plane = Plane { core, reduced, dual, weights, constants, scale };
-    plane.run(&primal, ctl)
+    let mut plane = Plane { core, reduced: reduced.clone(), dual, weights, constants, scale };
+    let mut outcome = Outcome::Neither;
+    for _ in 0..REWEIGHTS {
+        let (found, moved) = plane.run(&primal, ctl)?;
+        outcome = found;
+        // Definite, but not by as much as rounding moves: margins in units of that.
+        let (Outcome::Neither, Some(moved)) = (&outcome, moved) else { break };
+        plane.reduced = reduced.weighed(&moved);
+    }
+    Ok(outcome)
 }
 
 impl Plane<'_> {
@@ -152,23 +163,25 @@ impl Plane<'_> {
         terms.iter().all(|t| t.iter().all(|v| v.is_finite())).then_some(Cut { omega, direction, terms })
     }
 
-    fn run(&self, primal: &PrimalTest<'_>, ctl: &Ctl) -> Result<Outcome, PlaneError> {
+    /// The outcome; where definite weights were found whose margin is within rounding also what that makes of Q.
+    fn run(&self, primal: &PrimalTest<'_>, ctl: &Ctl) -> Result<(Outcome, Option<DVector<f64>>), PlaneError> {
         let unknowns = self.weights.len() - 1;
         let m = self.core.ports();
         let mut start = DVector::zeros(unknowns);
         if unknowns > 0 {
             let solution = maximise(&[(&self.weights, 1.0, 0.0)], unknowns, &start, ctl)?;
-            let Some(solution) = solution else { return Ok(Outcome::Neither) };
+            let Some(solution) = solution else { return Ok((Outcome::Neither, None)) };
             let best = solution.z[unknowns];
             if best <= FLOOR * 1.01 {
                 let wanted = &solution.duals[0] - DMatrix::identity(m, m) * (best / m as f64);
                 let found = self.dual.turned(&DMatrix::zeros(m, self.core.states()), &wanted);
-                return Ok(self.certified(&found, Vec::new()));
+                return Ok((self.certified(&found, Vec::new()), None));
             }
             start = solution.z.rows(0, unknowns).into_owned();
         }
         let mut cuts: Vec<Cut> = self.first_frequencies()?.into_iter().filter_map(|omega| self.cut(omega)).collect();
         let mut fallback = Outcome::Neither;
+        let mut closest: Option<(f64, DVector<f64>)> = None;
         for _ in 0..ROUNDS {
             ctl.check()?;
             let mut blocks: Vec<(&[DMatrix<f64>], f64, f64)> = vec![(&self.weights, 0.0, FLOOR)];
@@ -180,7 +193,7 @@ impl Plane<'_> {
                 let (n, frequencies) = self.multiplier(&solution, &cuts, &z);
                 let found = self.certified(&n, frequencies);
                 if found != Outcome::Neither || high.max(low) <= 0.0 {
-                    return Ok(found);
+                    return Ok((found, None));
                 }
             }
             let r = self.r(&z);
@@ -190,8 +203,12 @@ impl Plane<'_> {
                 for level in LEVELS {
                     let shifted = (&m0 - &self.reduced.unit * (level * low)) * self.scale;
                     let Some(p) = self.reduced.solve(&shifted, &r) else { continue };
-                    if let Some(found) = primal.check(&p, &r) {
-                        return Ok(Outcome::Primal(found));
+                    let Some(found) = primal.check_within(&p, &r, &self.core.rounding.k) else { continue };
+                    if found.ratio > CLEAR {
+                        return Ok((Outcome::Primal(found), None));
+                    }
+                    if found.ratio > 0.0 && closest.as_ref().is_none_or(|(ratio, _)| found.ratio > *ratio) {
+                        closest = Some((found.ratio, found.moved));
                     }
                 }
                 // Solvable on paper, and not within rounding: closer to the boundary than the data say.
@@ -209,7 +226,7 @@ impl Plane<'_> {
             }
             start = z;
         }
-        Ok(fallback)
+        Ok((fallback, closest.map(|(_, moved)| moved)))
     }
 
     /// Zero, infinity, and some of the sizes of the eigenvalues.

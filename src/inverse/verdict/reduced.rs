@@ -11,11 +11,14 @@ use crate::control::lyapunov::Clock;
 use crate::control::riccati::Riccati;
 use crate::inverse::reach::Core;
 use crate::num::linalg::{self, symmetric};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 
 /// Beyond this condition number of B₁, or in sampled time of A − BK, the reduction loses what it is about.
 const SINGULAR: f64 = 1e12;
+
+/// Corrections of P.
+const CORRECTIONS: usize = 2;
 
 /// What does not depend on R.
 #[derive(Debug, Clone)]
@@ -86,15 +89,44 @@ impl Reduced {
         &self.gain
     }
 
+    /// The same with margins `Q ⪰ t·diag(d)`, d scaled to a mean of 1.
+    pub(super) fn weighed(&self, d: &DVector<f64>) -> Self {
+        let unit = self.coordinates.tr_mul(&(DMatrix::from_diagonal(&(d / d.mean())) * &self.coordinates));
+        Self { unit: symmetric(&unit), ..self.clone() }
+    }
+
     /// The part of P that R fixes, with Y = 0, in the states of the core.
     pub(super) fn fixed(&self, r: &DMatrix<f64>) -> DMatrix<f64> {
+        self.embedded(&(r * &self.gain))
+    }
+
+    /// The least P with `BᵀP` these rows, m×n, as far as those allow a symmetric one.
+    fn embedded(&self, rows: &DMatrix<f64>) -> DMatrix<f64> {
         let (n, m) = (self.frame.nrows(), self.ports);
-        let rows = &self.inverse * r * &self.gain * &self.frame;
+        let rows = &self.inverse * rows * &self.frame;
         let mut p = DMatrix::zeros(n, n);
         p.view_mut((0, 0), (m, m)).copy_from(&symmetric(&rows.columns(0, m).into_owned()));
         p.view_mut((0, m), (m, n - m)).copy_from(&rows.columns(m, n - m));
         p.view_mut((m, 0), (n - m, m)).copy_from(&rows.columns(m, n - m).transpose());
         symmetric(&(&self.frame * p * self.frame.transpose()))
+    }
+
+    /// P with what it misses of `BᵀPM = RK` added: rounding in P counts, where it comes back through small singular
+    /// values of B and M.
+    fn corrected(&self, mut p: DMatrix<f64>, r: &DMatrix<f64>) -> DMatrix<f64> {
+        for _ in 0..CORRECTIONS {
+            let bp = self.b.tr_mul(&p);
+            let rows = match self.clock {
+                Clock::Continuous => r * &self.k - bp,
+                Clock::Sampled => {
+                    let missing = r * &self.k - bp * &self.closed;
+                    let Some(solved) = self.closed.transpose().lu().solve(&missing.transpose()) else { break };
+                    solved.transpose()
+                }
+            };
+            p += self.embedded(&rows);
+        }
+        symmetric(&p)
     }
 
     /// `Q` of P and R by the closed loop, in the states of the core.
@@ -184,11 +216,11 @@ impl Reduced {
         let (n, m) = (self.frame.nrows(), self.ports);
         let fixed = self.fixed(r);
         if n == m {
-            return Some(fixed);
+            return Some(self.corrected(fixed, r));
         }
         let [f, a21, d, phi] = self.riccati(m0)?;
         let y = -Riccati::indefinite(&f, &a21, &d, &phi, Clock::Continuous).ok()?.solve().ok()?.p;
-        Some(symmetric(&(fixed + self.embed.tr_mul(&(y * &self.embed)))))
+        Some(self.corrected(fixed + self.embed.tr_mul(&(y * &self.embed)), r))
     }
 
     /// `s = jω` as a point of the plant's own axis: jω, or on the unit circle.
