@@ -138,21 +138,21 @@ fn outside(people: u64, numbers: &[f64], joint: bool, remnant: Remnant, fixed: b
         if fixed {
             person.gain_at_start = 0.0;
         }
-        let records: Vec<Record> = numbers
-            .iter()
-            .enumerate()
-            .map(|(k, n)| record(&person, *n, remnant, 1000 * seed + k as u64))
-            .collect();
+        let records: Vec<Record> =
+            numbers.iter().enumerate().map(|(k, n)| record(&person, *n, remnant, 1000 * seed + k as u64)).collect();
         let settings = settings(group);
         let sets: Vec<&[Record]> = if joint { vec![&records] } else { records.chunks(1).collect() };
         let mut all = Vec::new();
         for (s, set) in sets.iter().enumerate() {
             let found = estimate(set, &settings, &Ctl::new()).unwrap();
-            let tests = found.residual_tests(set, &settings);
+            let tests = found.residual_tests(set);
             for (i, test) in tests.whiteness.iter().enumerate() {
                 let number = numbers[if joint { i } else { s }];
-                let laws = |omega: f64| { let [_, ff, fb] = person.laws(number, omega); [ff, fb] };
-                all.push(outcome(&found, i, group, person.norms(number), &laws, test.p_value >= 0.05, seed));
+                let laws = |omega: f64| {
+                    let [_, ff, fb] = person.laws(number, omega);
+                    [ff, fb]
+                };
+                all.push(outcome(&found, i, group, person.norms(number), &laws, test.is_white(), seed));
             }
         }
         all
@@ -170,7 +170,10 @@ fn inside(people: u64, times: u64) -> Vec<Outcome> {
         let plant = sampled_plant(&System::Continuous(group.system()), DT).unwrap();
         let law = truth.law(0);
         let values = norms(&truth, 0, group).map(|n| n.value);
-        let laws = |omega: f64| { let c = truth.controllers(0, omega); [c.feedforward.value, c.feedback.value] };
+        let laws = |omega: f64| {
+            let c = truth.controllers(0, omega);
+            [c.feedforward.value, c.feedback.value]
+        };
         (0..times)
             .filter_map(|k| {
                 let mut stream = rng::stream(1000 * seed + k, "inside");
@@ -181,7 +184,7 @@ fn inside(people: u64, times: u64) -> Vec<Outcome> {
                 let error = original.command.iter().zip(&output).map(|(r, y)| r - y).collect();
                 let again = [Record { control, output, error, ..original.clone() }];
                 let found = estimate(&again, &settings, &Ctl::new()).unwrap();
-                let white = found.residual_tests(&again, &settings).whiteness[0].p_value >= 0.05;
+                let white = found.residual_tests(&again).whiteness[0].is_white();
                 Some(outcome(&found, 0, group, values, &laws, white, seed))
             })
             .collect()
@@ -200,12 +203,11 @@ fn change(people: u64) {
                 };
                 let truth = |from: u64| (from..from + 6).map(|n| person.norms(n as f64)[1]).sum::<f64>() / 6.0;
                 let (a, b) = (block(1), block(35));
-                let found =
-                    change_of_feedback(&a, &b, &settings, group.band_rad_s(), &Ctl::new()).unwrap().unwrap();
+                let found = change_of_feedback(&a, &b, &settings, group.band_rad_s(), &Ctl::new()).unwrap().unwrap();
                 let [low, high] = found.interval;
                 let white = [(&a, &found.estimates[0]), (&b, &found.estimates[1])]
                     .iter()
-                    .all(|(records, e)| e.residual_tests(records, &settings).all_white.p_value >= 0.05);
+                    .all(|(records, e)| e.residual_tests(records).all_white.is_white());
                 (holds(found.interval, truth(35) - truth(1)), white, (high - low) / truth(1))
             })
             .collect();
@@ -226,11 +228,8 @@ fn tests(people: u64) {
     for group in [Group::Gm, Group::Gn] {
         let settings = settings(group);
         let one = |seed: u64, feedback: f64, feedforward: f64| {
-            let person = Person {
-                feedback_share: feedback,
-                feedforward_share: feedforward,
-                ..Person::draw(group, 2000 + seed)
-            };
+            let person =
+                Person { feedback_share: feedback, feedforward_share: feedforward, ..Person::draw(group, 2000 + seed) };
             [record(&person, 10.0, Remnant::Ar1, 7000 + seed)]
         };
         let feedback = |share: f64| {

@@ -74,7 +74,8 @@ impl FromQuery for CurveQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
         let spec = spec_sha256(query)?;
         let names = Estimator::ALL.map(Estimator::name).join(", ");
-        let estimator = query.one_of("estimator", &names, |text| Estimator::ALL.into_iter().find(|e| e.name() == text))?;
+        let estimator =
+            query.one_of("estimator", &names, |text| Estimator::ALL.into_iter().find(|e| e.name() == text))?;
         Ok(Self {
             estimator: estimator.unwrap_or_default(),
             joint: query.flag("joint")?,
@@ -201,7 +202,8 @@ fn assemble(
     for trial in trials {
         // A plant made after the list was read has no trial in it.
         let Some(plant) = plants.get(&trial.plant) else { continue };
-        let (mut identifications, mut by_other_estimators): (Vec<Identification>, Vec<Identification>) = Default::default();
+        let (mut identifications, mut by_other_estimators): (Vec<Identification>, Vec<Identification>) =
+            Default::default();
         for (estimator, report) in by_trial.remove(&trial.id).unwrap_or_default() {
             match identification(estimator, &report, &plant.model) {
                 Ok(None) => {}

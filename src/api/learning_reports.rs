@@ -3,9 +3,7 @@
 use crate::control::discretise::zero_order_hold;
 use crate::control::{Discrete, Model, System};
 use crate::learning::frequency_domain::{ControllerMetrics, UndefinedNorm, controller_metrics_of};
-use crate::learning::inputs::{
-    Estimator, Identification, IdentifiedControllers, NormIntervals, StandardErrors,
-};
+use crate::learning::inputs::{Estimator, Identification, IdentifiedControllers, NormIntervals, StandardErrors};
 use crate::num::Complex64;
 use crate::num::distributions::student_t;
 use crate::store::TrialReport;
@@ -118,9 +116,8 @@ fn refined_metrics(
     pool: Option<ControllerMetrics>,
 ) -> Result<Option<ControllerMetrics>, String> {
     let Some(pool) = pool else { return Ok(None) };
-    let delayed = |system: &System, omega: f64, delay: f64| {
-        system.response(omega) * Complex64::from_polar(1.0, -omega * delay)
-    };
+    let delayed =
+        |system: &System, omega: f64, delay: f64| system.response(omega) * Complex64::from_polar(1.0, -omega * delay);
     let found = controller_metrics_of(
         |omega| (both.plant.response(omega), Complex64::from(1.0)),
         |omega| delayed(&both.feedforward, omega, feedforward_s),
@@ -148,7 +145,10 @@ fn prediction_error(result: &Value, trial: &Value, found: &mut Identification) -
     let value = NORMS.map(|name| number(name, "value"));
     let error = NORMS.map(|name| number(name, "standard_error"));
     let interval = NORMS.map(|name| {
-        norms.get(name).and_then(|n| n.get("interval_95")).and_then(|i| serde_json::from_value::<[f64; 2]>(i.clone()).ok())
+        norms
+            .get(name)
+            .and_then(|n| n.get("interval_95"))
+            .and_then(|i| serde_json::from_value::<[f64; 2]>(i.clone()).ok())
     });
     found.metrics = Some(ControllerMetrics {
         norm_feedback: value[0],
@@ -163,7 +163,9 @@ fn prediction_error(result: &Value, trial: &Value, found: &mut Identification) -
     Ok(())
 }
 
-fn errors([norm_feedback, norm_feedforward_minus_inverse, norm_feedforward_plant_minus_one]: [Option<f64>; 3]) -> StandardErrors {
+fn errors(
+    [norm_feedback, norm_feedforward_minus_inverse, norm_feedforward_plant_minus_one]: [Option<f64>; 3],
+) -> StandardErrors {
     StandardErrors { norm_feedback, norm_feedforward_minus_inverse, norm_feedforward_plant_minus_one }
 }
 
@@ -231,7 +233,8 @@ fn two_stimulus(result: &Value, plant: &Model, found: &mut Identification) -> Re
     }
     let all = [&feedback, &inverse, &one].map(|lines| average(lines));
     let quantile = student_t(PROBABILITY, degrees.max(1.0));
-    let interval = all.map(|(value, error)| value.zip(error).map(|(v, e)| [(v - quantile * e).max(0.0), v + quantile * e]));
+    let interval =
+        all.map(|(value, error)| value.zip(error).map(|(v, e)| [(v - quantile * e).max(0.0), v + quantile * e]));
     let undefined = NORMS
         .iter()
         .zip(&all)

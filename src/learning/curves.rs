@@ -24,13 +24,7 @@ pub struct CurveOptions {
 
 impl Default for CurveOptions {
     fn default() -> Self {
-        Self {
-            include_divergent: false,
-            estimator: Estimator::default(),
-            spec_sha256: None,
-            trim: 1,
-            trend_trials: 5,
-        }
+        Self { include_divergent: false, estimator: Estimator::default(), spec_sha256: None, trim: 1, trend_trials: 5 }
     }
 }
 

@@ -15,7 +15,7 @@ use std::f64::consts::PI;
 pub const NORM_FACTOR: f64 = 1.15;
 
 /// Likewise of the regions of responses, whose covariance misses more.
-pub const REGION_FACTOR: f64 = 1.5;
+pub const REGION_FACTOR: f64 = 1.4;
 
 /// The two-sided 95 % bound of a normal number, and of a chi-square with two degrees of freedom.
 pub const NORMAL_95: f64 = 1.959_963_984_540_054;
@@ -212,7 +212,8 @@ fn region(value: Complex64, scaled: &Matrix2<f64>) -> Region {
     let turn = Complex64::from_polar(1.0, angle_rad);
     // The origin in the coordinates of the ellipse.
     let origin = -value * turn.conj();
-    let holds_zero = half_axes[1] > 0.0 && (origin.re / half_axes[0]).powi(2) + (origin.im / half_axes[1]).powi(2) <= 1.0;
+    let holds_zero =
+        half_axes[1] > 0.0 && (origin.re / half_axes[0]).powi(2) + (origin.im / half_axes[1]).powi(2) <= 1.0;
     let (mut magnitude, mut phase) = ([f64::INFINITY, 0.0_f64], [0.0_f64; 2]);
     for k in 0..BOUNDARY {
         let t = 2.0 * PI * k as f64 / BOUNDARY as f64;

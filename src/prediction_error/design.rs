@@ -76,13 +76,7 @@ pub(super) struct Columns {
 
 impl Columns {
     /// The columns of a record; those of the moving average, which depend on the residuals, are zero.
-    pub(super) fn new(
-        record: &Record,
-        lags: &Lags,
-        basis: &FeedforwardBasis,
-        layout: &Layout,
-        block: usize,
-    ) -> Self {
+    pub(super) fn new(record: &Record, lags: &Lags, basis: &FeedforwardBasis, layout: &Layout, block: usize) -> Self {
         let rows = lags.rows(record.samples());
         let mut columns = DMatrix::zeros(rows.len(), layout.all);
         if !layout.feedforward.is_empty() {

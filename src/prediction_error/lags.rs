@@ -113,7 +113,11 @@ impl Lags {
             return Err(LagsError::NoFeedforward);
         }
         if self.terms > self.window() {
-            return Err(LagsError::TooMany { what: "columns of the feedforward", count: self.terms, most: self.window() });
+            return Err(LagsError::TooMany {
+                what: "columns of the feedforward",
+                count: self.terms,
+                most: self.window(),
+            });
         }
         Ok(())
     }

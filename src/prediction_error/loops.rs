@@ -146,9 +146,8 @@ impl Law {
         };
         let (own, loops) = (product(&a, plant.den().coefficients()), product(&e, &b));
         let length = own.len().max(loops.len());
-        let characteristic: Vec<f64> = (0..length)
-            .map(|k| own.get(k).copied().unwrap_or(0.0) + loops.get(k).copied().unwrap_or(0.0))
-            .collect();
+        let characteristic: Vec<f64> =
+            (0..length).map(|k| own.get(k).copied().unwrap_or(0.0) + loops.get(k).copied().unwrap_or(0.0)).collect();
         let stable = is_schur_within(&characteristic, 1.0);
         let roots = Polynomial::new(characteristic).roots().ok();
         (roots.map(|roots| roots.iter().map(|z| z.norm()).fold(0.0, f64::max)), stable)

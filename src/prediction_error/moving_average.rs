@@ -76,9 +76,8 @@ fn without(records: &[Columns], layout: &Layout, ctl: &Ctl) -> Result<Joint, Reg
     let keep: Vec<usize> = (0..layout.all).filter(|j| !ma.contains(j)).collect();
     let own = keep.iter().filter(|j| **j < layout.own).count();
     let smaller = Layout { own, all: keep.len(), ..layout.clone() };
-    let reduced = records
-        .iter()
-        .map(|r| Columns { columns: r.columns.select_columns(&keep), target: r.target.clone() });
+    let reduced =
+        records.iter().map(|r| Columns { columns: r.columns.select_columns(&keep), target: r.target.clone() });
     let mut found = solve(reduced, &smaller, None, ctl)?;
     for record in &mut found.records {
         let mut all = DVector::zeros(layout.all);

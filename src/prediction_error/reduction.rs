@@ -57,12 +57,19 @@ fn at_delay(
     let mut x = DVector::zeros(unknowns);
     let at = |x: &DVector<f64>, s: Complex64| -> [Complex64; 2] {
         let b = (0..=numerator).map(|k| x[k] * s.powu(k as u32)).sum();
-        let a = Complex64::from(1.0)
-            + (1..=denominator).map(|k| x[numerator + k] * s.powu(k as u32)).sum::<Complex64>();
+        let a =
+            Complex64::from(1.0) + (1..=denominator).map(|k| x[numerator + k] * s.powu(k as u32)).sum::<Complex64>();
         [b, a]
     };
     let misfit = |x: &DVector<f64>| -> f64 {
-        let missed: f64 = s.iter().zip(&h).map(|(s, h)| { let [b, a] = at(x, *s); (b / a - h).norm_sqr() }).sum();
+        let missed: f64 = s
+            .iter()
+            .zip(&h)
+            .map(|(s, h)| {
+                let [b, a] = at(x, *s);
+                (b / a - h).norm_sqr()
+            })
+            .sum();
         (missed / h.iter().map(|h| h.norm_sqr()).sum::<f64>()).sqrt()
     };
     let mut best: Option<(f64, DVector<f64>)> = None;
@@ -89,10 +96,8 @@ fn at_delay(
     }
     let (misfit, x) = best?;
     let num = (0..=numerator).rev().map(|k| x[k] / scale.powi(k as i32)).collect();
-    let den = (0..=denominator)
-        .rev()
-        .map(|k| if k == 0 { 1.0 } else { x[numerator + k] / scale.powi(k as i32) })
-        .collect();
+    let den =
+        (0..=denominator).rev().map(|k| if k == 0 { 1.0 } else { x[numerator + k] / scale.powi(k as i32) }).collect();
     Some(Reduction { num, den, delay_s, misfit })
 }
 

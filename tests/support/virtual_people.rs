@@ -19,6 +19,7 @@ pub enum Group {
     Gn,
 }
 
+#[allow(dead_code, reason = "some are for the bench alone")]
 /// What the person's control has beside what it does on purpose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Remnant {
@@ -137,7 +138,8 @@ impl Group {
         let (num, den) = self.plant();
         if self == Self::Gn {
             let inverse_den = poly(&[-40.0; 4]);
-            let rows: Vec<Complex64> = (0..60).map(|k| Complex64::new(0.0, 0.05 + (PI - 0.05) * f64::from(k) / 59.0)).collect();
+            let rows: Vec<Complex64> =
+                (0..60).map(|k| Complex64::new(0.0, 0.05 + (PI - 0.05) * f64::from(k) / 59.0)).collect();
             let entry = |i: usize, j: usize| rows[i].powu(4 - j as u32) / value(&inverse_den, rows[i]);
             let target = |i: usize| value(&den, rows[i]) / value(&num, rows[i]);
             let part = |z: Complex64, i: usize| if i < 60 { z.re } else { z.im };
@@ -258,8 +260,9 @@ impl Person {
         let noise = self.noise(trial, remnant, &command, &mut stream);
         let discrete = |(num, den): (Vec<f64>, Vec<f64>)| {
             // A law that is zero has no transfer function.
-            (num.iter().any(|c| *c != 0.0))
-                .then(|| Filter::new(&tustin(&TransferFunction::new(&num, &den, Continuous).unwrap(), self.time()).unwrap()))
+            (num.iter().any(|c| *c != 0.0)).then(|| {
+                Filter::new(&tustin(&TransferFunction::new(&num, &den, Continuous).unwrap(), self.time()).unwrap())
+            })
         };
         let mut plant = Filter::new(&zero_order_hold(&self.group.system(), self.time()).unwrap());
         let (mut ff, mut fb) = (discrete(self.feedforward(trial)), discrete(self.feedback(trial)));
@@ -270,7 +273,8 @@ impl Person {
             e.push(r - output);
             y.push(output);
             let delayed = if k >= delay { e[k - delay] } else { 0.0 };
-            let control = ff.as_mut().map_or(0.0, |f| f.step(*r)) + fb.as_mut().map_or(0.0, |f| f.step(delayed)) + noise[k];
+            let control =
+                ff.as_mut().map_or(0.0, |f| f.step(*r)) + fb.as_mut().map_or(0.0, |f| f.step(delayed)) + noise[k];
             plant.step(control);
             u.push(control);
         }

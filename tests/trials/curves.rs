@@ -8,9 +8,9 @@ use volition::learning::frequency_domain::controller_metrics;
 use volition::learning::groups::statistics;
 use volition::learning::time_domain::TimeDomainMetrics;
 use volition::learning::{
-    CurveOptions, Estimator, Identification, IdentifiedControllers, NormIntervals, PlantName, StandardErrors, SubjectInput,
-    TrialInput, TrialSelection, choose_spec,
-    study_frequency_responses, study_learning_curves, subject_learning_curve,
+    CurveOptions, Estimator, Identification, IdentifiedControllers, NormIntervals, PlantName, StandardErrors,
+    SubjectInput, TrialInput, TrialSelection, choose_spec, study_frequency_responses, study_learning_curves,
+    subject_learning_curve,
 };
 
 fn continuous(num: &[f64], den: &[f64]) -> System {

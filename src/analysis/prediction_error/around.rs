@@ -38,11 +38,8 @@ pub(super) fn hypotheses(assembly: &Assembly<'_>, ctl: &Ctl) -> Result<Hypothesi
     let determined = (0..count).all(|i| assembly.found.undetermined(i) == 0);
     let needed = if determined { unless_impossible(no_feedforward(records, settings, ctl))? } else { None };
     let halves: Vec<usize> = (0..count).map(|i| usize::from(2 * i >= count)).collect();
-    let unchanged = if count > 1 {
-        unless_impossible(unchanged_feedback(records, &halves, settings, ctl))?
-    } else {
-        None
-    };
+    let unchanged =
+        if count > 1 { unless_impossible(unchanged_feedback(records, &halves, settings, ctl))? } else { None };
     let result = HypothesisResults {
         no_feedback: no_feedback(records, settings, ctl)?.into(),
         no_feedforward: needed.map(|found| FeedforwardTestResult {
@@ -70,8 +67,7 @@ pub(super) fn change(
     let (first, last) = (&records[..trials], &records[records.len() - trials..]);
     let found = change_of_feedback(first, last, &resolved.settings, resolved.band_rad_s, ctl);
     let Some(found) = unless_impossible(found)?.flatten() else { return Ok(None) };
-    let white = [(first, 0), (last, 1)]
-        .map(|(block, k)| found.estimates[k].residual_tests(block, &resolved.settings).all_white);
+    let white = [(first, 0), (last, 1)].map(|(block, k)| found.estimates[k].residual_tests(block).all_white);
     let doubts = white.map(|test| doubt(&test));
     let reason = doubts[0].clone().or_else(|| doubts[1].clone());
     Ok(Some(FeedbackChange {
@@ -187,10 +183,7 @@ pub(super) fn inverse_trap(assembly: &Assembly<'_>, ctl: &Ctl) -> Result<Inverse
 }
 
 /// The answer with a moving average, where the residuals are not white.
-pub(super) fn moving_average(
-    assembly: &Assembly<'_>,
-    ctl: &Ctl,
-) -> Result<Option<MovingAverageAnswer>, EstimateError> {
+pub(super) fn moving_average(assembly: &Assembly<'_>, ctl: &Ctl) -> Result<Option<MovingAverageAnswer>, EstimateError> {
     let settings = &assembly.resolved.settings;
     let each_white = assembly.tests.whiteness.iter().all(|test| doubt(test).is_none());
     if settings.lags.moving_average > 0 || (each_white && doubt(&assembly.tests.all_white).is_none()) {
@@ -199,7 +192,7 @@ pub(super) fn moving_average(
     let lags = Lags { moving_average: MOVING_AVERAGE, ..settings.lags.clone() };
     let settings = Settings { lags, ..settings.clone() };
     let Some(found) = unless_impossible(estimate(assembly.records, &settings, ctl))? else { return Ok(None) };
-    let tests = found.residual_tests(assembly.records, &settings);
+    let tests = found.residual_tests(assembly.records);
     let of = |norm: Norm| {
         (0..found.records.len()).map(|i| assembly.norm(&found, i, norm, &tests.whiteness[i])).collect::<Vec<_>>()
     };

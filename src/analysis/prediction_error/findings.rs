@@ -3,7 +3,7 @@
 use super::assembly::Assembly;
 use super::result::{NormResult, PredictionErrorResult};
 use crate::analysis::report::Warning;
-use crate::prediction_error::hypotheses::LEVEL;
+use crate::prediction_error::residuals::LEVEL;
 
 /// What further lags explain is doubted below this probability: a form never holds exactly.
 const CUT_SHORT: f64 = 1e-3;
@@ -30,18 +30,17 @@ pub(super) fn of(result: &PredictionErrorResult, assembly: &Assembly<'_>, warnin
     if !unstable.is_empty() {
         warn(
             "loop_unstable",
-            format!("with the plant the estimated loop of {} is unstable, while the person's was not", unstable.join(", ")),
+            format!(
+                "with the plant the estimated loop of {} is unstable, while the person's was not",
+                unstable.join(", ")
+            ),
         );
     }
     if let Err(why) = &assembly.sampled {
         warn("plant_not_sampled", format!("nothing was simulated, since the plant has no sampled form: {why}"));
     }
-    let undetermined: Vec<&str> = result
-        .trials
-        .iter()
-        .filter(|t| t.feedforward.lines.is_empty())
-        .map(|t| t.trial.as_str())
-        .collect();
+    let undetermined: Vec<&str> =
+        result.trials.iter().filter(|t| t.feedforward.lines.is_empty()).map(|t| t.trial.as_str()).collect();
     if !undetermined.is_empty() {
         warn(
             "feedforward_not_determined",
@@ -51,7 +50,8 @@ pub(super) fn of(result: &PredictionErrorResult, assembly: &Assembly<'_>, warnin
     let trap = &result.inverse_trap;
     let is_large = trap.ratio_to_default.is_some_and(|r| r > TRAP_RATIO);
     if is_large || trap.cosine.is_some_and(|c| c > TRAP_COSINE) {
-        let ratio = trap.ratio_to_default.map_or_else(String::new, |r| format!(", {r:.1} times that of the default lags"));
+        let ratio =
+            trap.ratio_to_default.map_or_else(String::new, |r| format!(", {r:.1} times that of the default lags"));
         let cosine = trap.cosine.unwrap_or(f64::NAN);
         warn(
             "near_inverse_of_the_plant",
@@ -81,7 +81,9 @@ pub(super) fn of(result: &PredictionErrorResult, assembly: &Assembly<'_>, warnin
             ),
         );
     }
-    if let Some(rational) = result.feedback.as_ref().and_then(|f| f.rational.as_ref()).filter(|r| r.relative_misfit > MISFIT) {
+    if let Some(rational) =
+        result.feedback.as_ref().and_then(|f| f.rational.as_ref()).filter(|r| r.relative_misfit > MISFIT)
+    {
         warn(
             "reduction_misfit",
             format!(
@@ -102,12 +104,11 @@ pub(super) fn of(result: &PredictionErrorResult, assembly: &Assembly<'_>, warnin
 fn residuals(result: &PredictionErrorResult, warnings: &mut Vec<Warning>) {
     let mut warn = |code: &str, message: String| warnings.push(Warning::new(code, message));
     let tests = &result.residual_tests;
-    let coloured: Vec<&str> =
-        result.trials.iter().filter(|t| t.whiteness.p_value < LEVEL).map(|t| t.trial.as_str()).collect();
-    if !coloured.is_empty() || tests.whiteness.p_value < LEVEL {
+    let coloured: Vec<&str> = result.trials.iter().filter(|t| !t.whiteness.white).map(|t| t.trial.as_str()).collect();
+    if !coloured.is_empty() || !tests.whiteness.white {
         let which = if coloured.is_empty() { "all trials together".to_owned() } else { coloured.join(", ") };
         let beside = match &result.moving_average_answer {
-            Some(answer) if answer.whiteness.p_value >= LEVEL => {
+            Some(answer) if answer.whiteness.white => {
                 "; with a moving average they are white: see `moving_average_answer`"
             }
             Some(_) => "; nor are they with a moving average",
@@ -147,11 +148,7 @@ fn moves(result: &PredictionErrorResult, warnings: &mut Vec<Warning>) {
     };
     let quantities: [(&str, fn(&super::result::ProfileEntry) -> Option<f64>, Option<f64>); 2] = [
         ("‖Gfb‖", |e| e.norm_feedback, half(&|m| m.norm_feedback.clone())),
-        (
-            "‖Gff G − 1‖",
-            |e| e.norm_feedforward_plant_minus_one,
-            half(&|m| m.norm_feedforward_plant_minus_one.clone()),
-        ),
+        ("‖Gff G − 1‖", |e| e.norm_feedforward_plant_minus_one, half(&|m| m.norm_feedforward_plant_minus_one.clone())),
     ];
     for (name, of, half) in quantities {
         let (Some(value), Some(half)) = (of(answer), half) else { continue };
@@ -164,10 +161,7 @@ fn moves(result: &PredictionErrorResult, warnings: &mut Vec<Warning>) {
         if !far.is_empty() {
             warnings.push(Warning::new(
                 "answer_moves",
-                format!(
-                    "{name} is {value:.3}, and moves by more than its interval with the form: {}",
-                    far.join(", ")
-                ),
+                format!("{name} is {value:.3}, and moves by more than its interval with the form: {}", far.join(", ")),
             ));
         }
     }

@@ -28,7 +28,7 @@ pub use result::{
     AccountedShares, ControllerRegion, FeedbackChange, FeedbackResult, FeedforwardResult, FeedforwardTestResult,
     HypothesisResults, InverseTrap, MovingAverageAnswer, NoiseResult, NormResult, PredictionErrorNorms,
     PredictionErrorResult, PredictionErrorTrial, ProfileEntry, RationalReduction, RegressionLags, ResidualTestResults,
-    TestResult,
+    TestResult, WhitenessResult,
 };
 use spec::{CheckedSpec, Resolved};
 pub use spec::{PredictionErrorSpec, Shared};
@@ -133,10 +133,8 @@ fn records(trials: &[ResolvedTrial], resolved: &Resolved) -> Result<Vec<Record>,
 
 fn records_of_held_out(trials: &[ResolvedTrial], resolved: &Resolved) -> Result<Vec<Record>, Problem> {
     let found = records(trials, resolved)?;
-    if let Some((record, trial)) = found
-        .iter()
-        .zip(trials)
-        .find(|(record, _)| (record.sample_time_s / resolved.sample_time_s - 1.0).abs() > 1e-5)
+    if let Some((record, trial)) =
+        found.iter().zip(trials).find(|(record, _)| (record.sample_time_s / resolved.sample_time_s - 1.0).abs() > 1e-5)
     {
         let detail = format!(
             "this trial is worked at every {} s, those that are fitted every {} s",

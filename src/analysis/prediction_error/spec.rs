@@ -7,9 +7,7 @@ use crate::control::System;
 use crate::num::fourier::real_transform;
 use crate::prediction_error::estimate::Settings;
 use crate::prediction_error::feedforward::slow_zeros;
-use crate::prediction_error::lags::{
-    Lags, LagsError, MOST_AUTOREGRESSIVE, MOST_LAGS, MOST_MOVING_AVERAGE, Sharing,
-};
+use crate::prediction_error::lags::{Lags, LagsError, MOST_AUTOREGRESSIVE, MOST_LAGS, MOST_MOVING_AVERAGE, Sharing};
 use crate::trial::Trial;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

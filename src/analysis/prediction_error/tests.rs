@@ -61,10 +61,13 @@ fn the_example_answers_with_intervals() {
 #[test]
 fn trials_share_a_feedback_unless_told_otherwise() {
     let inputs = two_trials();
-    let spec = |shared: Value| json!({"feedforward_terms": 2, "preview_s": 0.1, "feedforward_memory_s": 0.2,
-        "band_hz": [0.1, 0.7], "shared": shared});
+    let spec = |shared: Value| {
+        json!({"feedforward_terms": 2, "preview_s": 0.1, "feedforward_memory_s": 0.2,
+        "band_hz": [0.1, 0.7], "shared": shared})
+    };
     let together = run(&inputs, spec(json!(["feedback", "noise"]))).unwrap().result;
-    let norms = |result: &Value| [0, 1].map(|i| result["trials"][i]["metrics"]["norm_feedback"]["value"].as_f64().unwrap());
+    let norms =
+        |result: &Value| [0, 1].map(|i| result["trials"][i]["metrics"]["norm_feedback"]["value"].as_f64().unwrap());
     let [a, b] = norms(&together);
     assert!(a == b && together["trials"][0]["feedback"].is_null());
     assert_eq!(together["change"]["trials"], json!(1));
@@ -115,10 +118,14 @@ fn coloured_residuals_take_the_promise_from_the_interval() {
     let mut inputs = example()["inputs"].clone();
     // Noise of the measured control alone, which is no process with the controllers' poles.
     let u: Vec<f64> = inputs["trial"]["u"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
-    let rough: Vec<f64> =
-        u.iter().enumerate().map(|(i, v)| v + 0.4 * (1.3 * (i * i) as f64).sin().signum() * f64::from(i as u32 % 3)).collect();
+    let rough: Vec<f64> = u
+        .iter()
+        .enumerate()
+        .map(|(i, v)| v + 0.4 * (1.3 * (i * i) as f64).sin().signum() * f64::from(i as u32 % 3))
+        .collect();
     inputs["trial"]["u"] = json!(rough);
-    let report = run(&inputs, json!({"feedforward_terms": 3, "band_hz": [0.1, 0.7], "autoregressive_order": 0})).unwrap();
+    let report =
+        run(&inputs, json!({"feedforward_terms": 3, "band_hz": [0.1, 0.7], "autoregressive_order": 0})).unwrap();
     assert!(codes(&report).contains(&"prediction_errors_not_white"), "{:?}", codes(&report));
     let norm = &report.result["trials"][0]["metrics"]["norm_feedback"];
     assert!(norm["interval_95"].is_null() && norm["nominal_interval"].is_array());
