@@ -15,7 +15,7 @@ use std::f64::consts::PI;
 pub const NORM_FACTOR: f64 = 1.15;
 
 /// Likewise of the regions of responses, whose covariance misses more.
-pub const REGION_FACTOR: f64 = 1.5;
+pub const REGION_FACTOR: f64 = 1.4;
 
 /// The two-sided 95 % bound of a normal number, and of a chi-square with two degrees of freedom.
 pub const NORMAL_95: f64 = 1.959_963_984_540_054;

@@ -9,14 +9,11 @@ use super::design::Form;
 use super::estimate::{Estimate, EstimateError, Settings, estimate_form};
 use super::lags::{Lags, Sharing};
 use super::record::Record;
-use super::residuals::{Test, form_without};
+use super::residuals::{LEVEL, Test, form_without};
 use crate::ctl::Ctl;
 
 /// Lags of the error at least, where feedforward is tested.
 pub const FEEDFORWARD_TEST_LAGS: usize = 24;
-
-/// The level of every test.
-pub const LEVEL: f64 = 0.05;
 
 /// Whether a feedforward is needed.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,6 +5,10 @@ use nalgebra::{DMatrix, DVector};
 /// A column whose part outside the span of those before it is smaller than this share of it depends on them.
 const DEPENDENT: f64 = 1e-9;
 
+/// Likewise one whose part outside is smaller than this share of the largest column: a difference of large numbers that
+/// is nothing but their rounding.
+const ROUNDING: f64 = 1e-13;
+
 /// An orthonormal basis of the columns of a matrix.
 pub(super) struct Orthonormal {
     /// The basis, rows × rank.
@@ -21,6 +25,7 @@ pub(super) struct Orthonormal {
 pub(super) fn orthonormalise(columns: &DMatrix<f64>) -> Orthonormal {
     let mut q = DMatrix::zeros(columns.nrows(), columns.ncols().min(columns.nrows()));
     let mut kept = Vec::with_capacity(q.ncols());
+    let largest = columns.column_iter().map(|column| column.norm()).fold(0.0, f64::max);
     for (j, column) in columns.column_iter().enumerate() {
         let rank = kept.len();
         let size = column.norm();
@@ -34,7 +39,7 @@ pub(super) fn orthonormalise(columns: &DMatrix<f64>) -> Orthonormal {
             rest -= basis * inside;
         }
         let outside = rest.norm();
-        if outside > DEPENDENT {
+        if outside > DEPENDENT && outside * size > ROUNDING * largest {
             q.set_column(rank, &(rest / outside));
             kept.push(j);
         }

@@ -19,6 +19,7 @@ pub enum Group {
     Gn,
 }
 
+#[allow(dead_code, reason = "some are for the bench alone")]
 /// What the person's control has beside what it does on purpose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Remnant {

@@ -67,8 +67,7 @@ pub(super) fn change(
     let (first, last) = (&records[..trials], &records[records.len() - trials..]);
     let found = change_of_feedback(first, last, &resolved.settings, resolved.band_rad_s, ctl);
     let Some(found) = unless_impossible(found)?.flatten() else { return Ok(None) };
-    let white = [(first, 0), (last, 1)]
-        .map(|(block, k)| found.estimates[k].residual_tests(block, &resolved.settings).all_white);
+    let white = [(first, 0), (last, 1)].map(|(block, k)| found.estimates[k].residual_tests(block).all_white);
     let doubts = white.map(|test| doubt(&test));
     let reason = doubts[0].clone().or_else(|| doubts[1].clone());
     Ok(Some(FeedbackChange {
@@ -193,7 +192,7 @@ pub(super) fn moving_average(assembly: &Assembly<'_>, ctl: &Ctl) -> Result<Optio
     let lags = Lags { moving_average: MOVING_AVERAGE, ..settings.lags.clone() };
     let settings = Settings { lags, ..settings.clone() };
     let Some(found) = unless_impossible(estimate(assembly.records, &settings, ctl))? else { return Ok(None) };
-    let tests = found.residual_tests(assembly.records, &settings);
+    let tests = found.residual_tests(assembly.records);
     let of = |norm: Norm| {
         (0..found.records.len()).map(|i| assembly.norm(&found, i, norm, &tests.whiteness[i])).collect::<Vec<_>>()
     };

@@ -10,11 +10,10 @@ use crate::control::model::TransferFunctionModel;
 use crate::control::{Discrete, Model, System, TransferFunction};
 use crate::prediction_error::controllers::{Controllers, Norm};
 use crate::prediction_error::estimate::Estimate;
-use crate::prediction_error::hypotheses::LEVEL;
 use crate::prediction_error::loops::{Accounted, Law, sampled_plant};
 use crate::prediction_error::record::Record;
 use crate::prediction_error::reduction::{Reduction, reduce};
-use crate::prediction_error::residuals::{ResidualTests, Test};
+use crate::prediction_error::residuals::{ResidualTests, Whiteness};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
@@ -37,12 +36,10 @@ pub(super) struct Assembly<'a> {
 }
 
 /// Why an interval is none of 95 %: residuals that are not white.
-pub(super) fn doubt(white: &Test) -> Option<String> {
-    (white.p_value < LEVEL).then(|| {
-        format!(
-            "the residuals are not white (p = {:.1e}), so the interval may miss the truth more often",
-            white.p_value
-        )
+pub(super) fn doubt(white: &Whiteness) -> Option<String> {
+    (!white.is_white()).then(|| {
+        let p = white.ljung_box.p_value.min(white.serial.p_value);
+        format!("the residuals are not white (p = {p:.1e}), so the interval may miss the truth more often")
     })
 }
 
@@ -58,7 +55,7 @@ impl<'a> Assembly<'a> {
             resolved,
             records,
             found,
-            tests: found.residual_tests(records, &resolved.settings),
+            tests: found.residual_tests(records),
             plant: Box::new(plant_response(plant, own_sample_time_s)),
             sampled: sampled_plant(plant, resolved.sample_time_s),
         }
@@ -80,12 +77,12 @@ impl<'a> Assembly<'a> {
     }
 
     /// The test that the intervals of a trial's feedback rest on: of all trials where they share it.
-    pub(super) fn white_of_feedback(&self, trial: usize) -> &Test {
+    pub(super) fn white_of_feedback(&self, trial: usize) -> &Whiteness {
         if self.found.sharing().feedback { &self.tests.all_white } else { &self.tests.whiteness[trial] }
     }
 
     /// A norm of a trial.
-    pub(super) fn norm(&self, found: &Estimate, trial: usize, norm: Norm, white: &Test) -> NormResult {
+    pub(super) fn norm(&self, found: &Estimate, trial: usize, norm: Norm, white: &Whiteness) -> NormResult {
         if norm != Norm::Feedback && found.undetermined(trial) > 0 {
             let detail = format!(
                 "the command does not determine {} of the {} columns of the feedforward",
@@ -200,7 +197,7 @@ impl<'a> Assembly<'a> {
     pub(super) fn residual_tests(&self) -> ResidualTestResults {
         let of = TestResult::from;
         ResidualTestResults {
-            whiteness: of(self.tests.all_white),
+            whiteness: self.tests.all_white.into(),
             later_command: of(self.tests.later_command),
             later_error: of(self.tests.later_error),
         }

@@ -3,7 +3,7 @@
 use super::assembly::Assembly;
 use super::result::{NormResult, PredictionErrorResult};
 use crate::analysis::report::Warning;
-use crate::prediction_error::hypotheses::LEVEL;
+use crate::prediction_error::residuals::LEVEL;
 
 /// What further lags explain is doubted below this probability: a form never holds exactly.
 const CUT_SHORT: f64 = 1e-3;
@@ -104,12 +104,11 @@ pub(super) fn of(result: &PredictionErrorResult, assembly: &Assembly<'_>, warnin
 fn residuals(result: &PredictionErrorResult, warnings: &mut Vec<Warning>) {
     let mut warn = |code: &str, message: String| warnings.push(Warning::new(code, message));
     let tests = &result.residual_tests;
-    let coloured: Vec<&str> =
-        result.trials.iter().filter(|t| t.whiteness.p_value < LEVEL).map(|t| t.trial.as_str()).collect();
-    if !coloured.is_empty() || tests.whiteness.p_value < LEVEL {
+    let coloured: Vec<&str> = result.trials.iter().filter(|t| !t.whiteness.white).map(|t| t.trial.as_str()).collect();
+    if !coloured.is_empty() || !tests.whiteness.white {
         let which = if coloured.is_empty() { "all trials together".to_owned() } else { coloured.join(", ") };
         let beside = match &result.moving_average_answer {
-            Some(answer) if answer.whiteness.p_value >= LEVEL => {
+            Some(answer) if answer.whiteness.white => {
                 "; with a moving average they are white: see `moving_average_answer`"
             }
             Some(_) => "; nor are they with a moving average",

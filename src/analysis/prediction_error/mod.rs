@@ -28,7 +28,7 @@ pub use result::{
     AccountedShares, ControllerRegion, FeedbackChange, FeedbackResult, FeedforwardResult, FeedforwardTestResult,
     HypothesisResults, InverseTrap, MovingAverageAnswer, NoiseResult, NormResult, PredictionErrorNorms,
     PredictionErrorResult, PredictionErrorTrial, ProfileEntry, RationalReduction, RegressionLags, ResidualTestResults,
-    TestResult,
+    TestResult, WhitenessResult,
 };
 use spec::{CheckedSpec, Resolved};
 pub use spec::{PredictionErrorSpec, Shared};

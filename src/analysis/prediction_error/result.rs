@@ -2,7 +2,7 @@
 
 use crate::control::Model;
 use crate::prediction_error::controllers::{NormEstimate, Region, Response};
-use crate::prediction_error::residuals::Test;
+use crate::prediction_error::residuals::{Test, Whiteness};
 use num_complex::Complex64;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -163,11 +163,28 @@ impl From<Test> for TestResult {
     }
 }
 
+/// Whether residuals are white.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct WhitenessResult {
+    /// Whether neither test refuses at 5 %: only then is an interval one of 95 %.
+    pub white: bool,
+    /// The test of Ljung and Box, 25 lags.
+    pub ljung_box: TestResult,
+    /// The score test of serial correlation (Breusch and Godfrey), 4 lags.
+    pub serial_correlation: TestResult,
+}
+
+impl From<Whiteness> for WhitenessResult {
+    fn from(white: Whiteness) -> Self {
+        Self { white: white.is_white(), ljung_box: white.ljung_box.into(), serial_correlation: white.serial.into() }
+    }
+}
+
 /// What the residuals of all trials say.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ResidualTestResults {
-    /// Whether they are white (Ljung–Box, 25 lags): only then is an interval one of 95 %.
-    pub whiteness: TestResult,
+    /// Whether they are white.
+    pub whiteness: WhitenessResult,
     /// Whether later lags of the command explain nothing.
     pub later_command: TestResult,
     /// Whether later lags of the error explain nothing.
@@ -259,7 +276,7 @@ pub struct MovingAverageAnswer {
     /// The noise.
     pub noise: NoiseResult,
     /// Whiteness of the residuals of all trials.
-    pub whiteness: TestResult,
+    pub whiteness: WhitenessResult,
     /// Whether the iterations came to rest.
     pub settled: bool,
     /// ‖Gfb‖ of each trial.
@@ -284,7 +301,7 @@ pub struct PredictionErrorTrial {
     /// Mean square of the residuals w, in squared units of u.
     pub noise_variance: f64,
     /// Whiteness of its residuals.
-    pub whiteness: TestResult,
+    pub whiteness: WhitenessResult,
     /// Whether the loop with the plant is stable; null where the plant cannot be sampled.
     pub stable: Option<bool>,
     /// The largest modulus of the sampled loop's poles.
