@@ -63,7 +63,7 @@ impl Analysis for Plan {
         loop (a manipulandum, a motion platform) that delivers a given signal with the flattest spectrum in a band, \
         under limits on motion and force: limits out of reach are refused with a bound, then a grid over the whole box \
         and climbs from its best points, with stability proven (Qiu 2021, sections IV.B to IV.D).";
-    const RESULT_VERSION: u32 = 1;
+    const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = CompensatorDesignInputs;

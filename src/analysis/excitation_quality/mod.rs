@@ -67,7 +67,7 @@ impl Analysis for Plan {
         in bands, lines with their power and noise, order of persistent excitation, autocorrelation and \
         predictability, and what a device and a body are asked for where a plant or loop is given (Qiu 2021, equations \
         1 to 16).";
-    const RESULT_VERSION: u32 = 1;
+    const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = ExcitationQualityInputs;

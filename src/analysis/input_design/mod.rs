@@ -67,7 +67,7 @@ impl Analysis for Plan {
         person and a device can bear: from each start, steps of linear programs make Fisher's information larger until \
         none within the limits does, the limits are proven sample by sample, and simulated records check the predicted \
         standard deviations if wanted (Priess 2015, chapter 5).";
-    const RESULT_VERSION: u32 = 1;
+    const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = InputDesignInputs;

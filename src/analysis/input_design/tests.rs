@@ -46,7 +46,7 @@ fn a_model_of_formulas_is_designed_for_and_refitted() {
                       "scale_to_fit": true, "monte_carlo": {"replicates": 400, "seed": 1}});
     let report = run(inputs.clone(), spec.clone());
     let result = &report.result;
-    assert_eq!(report.schema, "volition.input_design/1");
+    assert_eq!(report.schema, "volition.input_design/2");
     assert!(result["factor"].as_f64().unwrap() > 1.05, "{}", result["factor"]);
     for limit in result["limits"].as_array().unwrap() {
         assert!(limit["slack"].as_f64().unwrap() >= 0.0, "{limit}");

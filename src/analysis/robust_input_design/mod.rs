@@ -62,7 +62,7 @@ impl Analysis for Plan {
         the width of the screen, with which the worst subject of a population is estimated best: a min-max search over \
         subjects and targets, checked with fresh draws against the target that is best for the average subject (Priess \
         2015, chapter 2).";
-    const RESULT_VERSION: u32 = 1;
+    const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = RobustInputDesignInputs;

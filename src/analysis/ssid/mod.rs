@@ -78,7 +78,7 @@ impl Analysis for Plan {
         data of the closed loop: the exact optimum over a pool of candidates whose loop is stable, with its \
         certificate, the candidates \
         that fit nearly as well, and a refinement with bands (Zhang 2015, algorithms 2.1, 3.1 and 5.1).";
-    const RESULT_VERSION: u32 = 4;
+    const RESULT_VERSION: u32 = 5;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = SsidInputs;

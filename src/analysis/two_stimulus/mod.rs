@@ -79,7 +79,7 @@ impl Analysis for Plan {
         without assumed degrees: line by line with intervals, and by structures such as McRuer's, with the shares of \
         the trials that each \
         accounts for.";
-    const RESULT_VERSION: u32 = 2;
+    const RESULT_VERSION: u32 = 3;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = TwoStimulusInputs;

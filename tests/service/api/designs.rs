@@ -29,7 +29,7 @@ async fn a_model_goes_in_and_an_input_comes_out() {
     assert_eq!(finished["status"], "succeeded", "{finished}");
     assert_eq!(finished["progress"]["done"], finished["progress"]["total"]);
     let report = server.get(&format!("{path}/report")).await.json(200);
-    assert_eq!(report["schema"], "volition.input_design/1");
+    assert_eq!(report["schema"], "volition.input_design/2");
     let result = &report["result"];
     assert!(result["factor"].as_f64().unwrap() > 1.2 && result["input"].as_array().unwrap().len() == 100);
     for limit in result["limits"].as_array().unwrap() {

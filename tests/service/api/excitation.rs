@@ -20,7 +20,7 @@ async fn a_sequence_is_judged_and_downloaded() {
     assert_eq!(finished["status"], "succeeded", "{finished}");
     assert_eq!(finished["progress"]["done"], finished["progress"]["total"]);
     let report = server.get(&format!("{path}/report")).await.json(200);
-    assert_eq!(report["schema"], "volition.excitation_quality/1");
+    assert_eq!(report["schema"], "volition.excitation_quality/2");
     let sfm = report["result"]["flatness"][0]["sfm"].as_f64().unwrap();
     assert!((sfm - 0.392_463_547_048_235_6).abs() < 1e-12, "{sfm}");
     let answer = server.get(&format!("{path}/samples")).await;

@@ -78,7 +78,7 @@ async fn two_trials_give_both_controllers_and_a_third_is_predicted() {
     let finished = server.get(&path).await.json(200);
     assert_eq!(finished["status"], "succeeded", "{finished}");
     let report = server.get(&format!("{path}/report")).await.json(200);
-    assert_eq!(report["schema"], "volition.two_stimulus/2");
+    assert_eq!(report["schema"], "volition.two_stimulus/3");
     let lines = report["result"]["lines"].as_array().unwrap();
     assert_eq!(lines.len(), 10);
     let subject = subject();
