@@ -177,6 +177,7 @@ async fn fill(store: &Store, per_subject: u32) -> String {
                 session: None,
                 sha256: hexadecimal(&trial.content_sha256()),
                 max_abs_output: metrics.max_abs_output,
+                warnings: Vec::new(),
                 metrics: serde_json::to_value(&metrics).unwrap(),
                 trial,
             }
