@@ -313,7 +313,7 @@ mod tests {
             }
             let model = plant(&[uniform(0.5, 3.0)], &den);
             let sampled = sampled(&model, 0.02).unwrap();
-            let mut state = DVector::from_fn(sampled[0].states(), |_, _| uniform(-0.5, 0.5));
+            let mut state = DVector::from_fn(sampled[0].states(), |_, _| uniform(-0.02, 0.02));
             let waves: Vec<[f64; 2]> = (0..4).map(|_| [uniform(0.5, 8.0), uniform(0.0, 6.0)]).collect();
             let (mut r, mut u, mut y) = (Vec::new(), Vec::new(), Vec::new());
             for i in 0..2000 {

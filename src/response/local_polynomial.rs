@@ -282,12 +282,10 @@ impl Frame<'_> {
                 posteriors.iter().map(|f| own(f)).collect()
             };
             let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-            for p in 0..P {
-                prior.response[p] = mean(&response(p)).max(LEAST_PRIOR * ratio);
-                let transients = transient(p);
-                prior.transient[p] = mean(&transients).max(LEAST_PRIOR * typical);
-                largest[p] = transients.iter().copied().fold(prior.transient[p], f64::max);
-            }
+            prior.response = std::array::from_fn(|p| mean(&response(p)).max(LEAST_PRIOR * ratio));
+            let transients: [Vec<f64>; P] = std::array::from_fn(transient);
+            prior.transient = std::array::from_fn(|p| mean(&transients[p]).max(LEAST_PRIOR * typical));
+            largest = std::array::from_fn(|p| transients[p].iter().copied().fold(prior.transient[p], f64::max));
         }
         Ok(Some((prior, largest, noise)))
     }

@@ -232,9 +232,9 @@ fn screen(
     };
     if problem.lines.is_wide() {
         // The fast evaluation separates the controls at every line, which fewer outputs do not.
-        for rank in 0..stable.len() {
+        for (rank, (index, _)) in stable.iter().enumerate() {
             ctl.check()?;
-            let fit = problem.fit(pool, &pool.candidate(first + stable[rank].0));
+            let fit = problem.fit(pool, &pool.candidate(first + index));
             let (cost, error) = fit.map_or((f64::INFINITY, f64::INFINITY), |fit| (fit.cost, fit.rounding));
             if cost.is_finite() && cost - error <= (1.0 + NEAR) * bound {
                 found.open.push(opened(rank, cost, error));

@@ -20,7 +20,7 @@ fn codes(warnings: &Value) -> Vec<&str> {
 /// The plant of the cases, Zhang's minimum-phase one of chapter 5.
 async fn lab(server: &TestServer) -> Lab {
     let mut lab = server.lab().await;
-    let body = json!({"name": "gm", "model": {"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0]}});
+    let body = json!({"name": "chapter five", "model": {"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0]}});
     lab.plant = server.post(&format!("/v1/studies/{}/plants", lab.study), &body).await.id(201);
     lab
 }
