@@ -23,6 +23,8 @@ const ANCHORS: usize = 8;
 const CLEAR: f64 = 0.5;
 /// A step of the delay between two windows beyond this many samples is missing samples.
 const STEP: f64 = 0.7;
+/// Two steps in turn, each beyond this many samples and of one sign, are one.
+const SPLIT: f64 = 0.25;
 /// Values of the short response for each piece, and pieces that it reaches back.
 const TAPS: [usize; 2] = [4, 2];
 /// Independent pieces for each value of the response at least.
@@ -242,13 +244,23 @@ impl Pair<'_> {
         sorted.sort_by(f64::total_cmp);
         let usual = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
         let mut jumps = Vec::new();
-        for (i, step) in steps.iter_mut().enumerate() {
-            let beyond = *step - usual;
+        let mut i = 0;
+        while i < steps.len() {
+            let beyond = steps[i] - usual;
+            // A step within a window is seen half before it and half behind it.
+            let next = steps.get(i + 1).map_or(0.0, |step| step - usual);
+            let is_split = beyond.abs() > SPLIT && next.abs() > SPLIT && (beyond > 0.0) == (next > 0.0);
+            let whole = if is_split { beyond + next } else { beyond };
             // Samples that are missing let the record run ahead: the delay falls.
-            if beyond.abs() > STEP && beyond.round() != 0.0 {
-                jumps.push(Jump { near: clear[i + 1].start, missing: -(beyond.round() as i64) });
-                *step -= beyond.round();
+            if whole.abs() > STEP && whole.round() != 0.0 {
+                jumps.push(Jump { near: clear[i + 1].start, missing: -(whole.round() as i64) });
+                steps[i] = usual + whole - whole.round();
+                if is_split {
+                    steps[i + 1] = usual;
+                    i += 1;
+                }
             }
+            i += 1;
         }
         // Without the steps the delay is a line over time.
         let mut delays = Vec::with_capacity(clear.len());
@@ -285,7 +297,7 @@ impl Pair<'_> {
         let taps = if distinct >= PER_TAP * wanted as f64 { wanted } else { ((distinct / PER_TAP) as usize).max(1) };
         let spacing = if taps == 1 { 0.0 } else { piece / TAPS[0] as f64 };
         let every = (windows.len() * length).div_ceil(FITTED).max(1);
-        let (mut cross, mut own, mut other) = (0.0, 0.0, 0.0);
+        let (mut cross, mut own, mut other, mut sums) = (0.0, 0.0, 0.0, [0.0; 2]);
         let (mut rows, mut answers) = (Vec::new(), Vec::new());
         for window in windows {
             let delay = window.delay.round() as isize;
@@ -294,7 +306,9 @@ impl Pair<'_> {
                 cross += y * r;
                 own += y * y;
                 other += r * r;
+                sums = [sums[0] + y, sums[1] + r];
                 if k % every == 0 {
+                    rows.push(1.0);
                     // Around the best delay, which lies in the midst of a device's answer.
                     let late = |tap: usize| ((tap as f64 - taps as f64 / 2.0 + 0.5).ceil() * spacing).round() as isize;
                     rows.extend((0..taps).map(|tap| self.at(k as isize - delay - late(tap))));
@@ -302,10 +316,15 @@ impl Pair<'_> {
                 }
             }
         }
+        // About the means of what was compared, which is no whole number of periods.
+        let count = (windows.len() * length) as f64;
+        cross -= sums[0] * sums[1] / count;
+        own -= sums[0] * sums[0] / count;
+        other -= sums[1] * sums[1] / count;
         let correlation = if own > 0.0 && other > 0.0 { cross / (own * other).sqrt() } else { 0.0 };
-        let matrix = DMatrix::from_row_slice(answers.len(), taps, &rows);
+        let matrix = DMatrix::from_row_slice(answers.len(), taps + 1, &rows);
         let answers = DVector::from_vec(answers);
-        let total = answers.norm_squared();
+        let total = answers.add_scalar(-answers.mean()).norm_squared();
         let explained = least_squares(&matrix, &answers)
             .filter(|_| total > 0.0)
             .map_or(correlation * correlation, |(x, _)| 1.0 - (&answers - &matrix * x).norm_squared() / total);

@@ -15,8 +15,8 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// Peaks are held this share below their limits while compensators are compared, so that what is kept there is kept by
-/// the simulation that is reported, whose rounding differs.
-const WITHIN: f64 = 1.0 - 1e-9;
+/// the simulation that is reported: its transfer function in powers of z is rounded, which moves a peak by some 1e-8.
+const WITHIN: f64 = 1.0 - 1e-7;
 
 /// What a design must keep beside stability.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
