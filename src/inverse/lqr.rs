@@ -27,6 +27,8 @@ pub const MARGIN_UNKNOWNS: usize = 64;
 pub const CONDITION_UNKNOWNS: usize = 600;
 /// Margins of larger magnitude belong to weights without a trace, and mean nothing.
 const LARGEST_MARGIN: f64 = 1e6;
+/// Entries of the gain up to which it is looked for: a decomposition of the equalities is not interrupted.
+const CONDITION_EQUATIONS: usize = 300;
 /// How well a semidefinite program finds a margin.
 const MARGIN_PRECISION: f64 = 1e-9;
 /// Within a structure a margin of smaller magnitude is looked at in other units before it decides.
@@ -86,7 +88,8 @@ pub struct InverseLqr {
     pub t_star_scaled: Option<f64>,
     /// No larger `t_star_scaled` exists, by the dual.
     pub t_star_upper_bound: Option<f64>,
-    /// Dimension of the space of weights that satisfy the equalities.
+    /// Dimension of the space of weights that satisfy the equalities; for large problems what it is where inputs do not
+    /// depend on each other.
     pub unknowns: usize,
     /// The weights: of least condition number where definite ones exist, those of the largest margin on the boundary.
     pub weights: Option<Weights>,
@@ -215,7 +218,7 @@ fn answered(gains: &Gains, decision: Decision, settings: &Settings, ctl: &Ctl) -
         best_conditioned: false,
         solved_by: None,
     };
-    if structure.is_free() && least > CONDITION_UNKNOWNS {
+    if structure.is_free() && (least > CONDITION_UNKNOWNS || n * m > CONDITION_EQUATIONS) {
         // Too many unknowns for anything but the weights that prove the verdict.
         answer.weights = match &answer.decision.weights {
             Some((q, r)) => as_proven(gains, settings, q, r, ctl)?,
