@@ -312,6 +312,7 @@ impl Plan {
     /// answer the question.
     pub fn run(&self, library: &Library, ctl: &Ctl) -> Result<Report, Failure> {
         let report = self.0.run(library, ctl)?;
+        ctl.finish();
         published::report(&report);
         Ok(report)
     }

@@ -156,6 +156,11 @@ impl Ctl {
         Scope(self)
     }
 
+    /// The computation is done, whatever was foreseen of its phases.
+    pub fn finish(&self) {
+        held(&self.course).progress.fraction = 1.0;
+    }
+
     /// Says how many units there are in all, and starts counting from none.
     pub fn set_total(&self, total: u64) {
         // Under the lock, so that nobody sees the units of one count in the total of another.

@@ -16,8 +16,8 @@
 //!   that is what is said. Candidates that are stable with the delay but not without are no members of the pool.
 
 use super::pool::{Pool, Recipe};
-use super::problem::{Lines, Problem};
-use super::search::{MOST_NEAR, NEAR, Optimum, Search};
+use super::problem::{Lines, NEAR, Problem};
+use super::search::{MOST_NEAR, Optimum, Search};
 use super::ssid::{Settings, SsidError, check_size, controllers, plant_for, weights};
 use super::time::{Time, multiply};
 use crate::control::delay::is_stable_continuous;

@@ -7,7 +7,7 @@ use super::ssid::{SsidError, controllers};
 use crate::control::System;
 use rayon::prelude::*;
 
-/// A candidate whose cost is within the share [`NEAR`](super::search::NEAR) of the smallest one, or within rounding.
+/// A candidate whose cost is within the share [`NEAR`](super::problem::NEAR) of the smallest one, or within rounding.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Member {
     /// Its index in the pool.

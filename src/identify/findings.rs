@@ -1,8 +1,7 @@
 //! What must be read before the result of a subsystem identification is used.
 
 use super::pool::{Pool, Position, Recipe};
-use super::problem::Unusable;
-use super::search::NEAR;
+use super::problem::{NEAR, Unusable};
 use super::ssid::{Finding, Identified};
 
 /// Below this separation, or above this condition number, feedback and feedforward count as confounded.

@@ -5,10 +5,12 @@
 //! and linear in the feedforward numerator.
 
 use super::basis::{Basis, TooFewLines};
-use super::search::NEAR;
 use super::time::Time;
 use crate::control::System;
 use num_complex::Complex64;
+
+/// Candidates whose cost is within this share of the best one's are counted.
+pub const NEAR: f64 = 0.01;
 
 /// One frequency at which the closed loop was measured.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -27,7 +27,6 @@ mod staircase;
 mod structure;
 mod verdict;
 
-pub use crate::convex::lmi::{SolvedBy, Solver};
 pub use gains::{Gains, GainsError, Knowledge, Role};
 pub use lqr::{InverseLqr, Settings, inverse_lqr};
 pub use proof::{Proof, ReturnDifference};

@@ -3,14 +3,15 @@
 use super::error::{FrequencyError, other};
 use super::excited::strongest;
 use super::grids::Grids;
+use super::job::{Job, Piece, Removal, Transformed, ZERO_AMPLITUDE, largest, on_grid};
+use super::lines;
 use super::removal::{Local, are_significant};
+use super::result::{Estimate, UsedSegment, VarianceSource};
 use super::segments::{self, Segment};
 use super::settings::{Channels, CheckedSettings, EndSample, FrequencySettings, Response, Stimulus, Window};
 use super::spectrum::{direct_transform, grid_transform, line_power, prepare};
 use super::usable::usable;
 use super::variance::{average, coherence, dark_lines, noise_power};
-use super::warnings::EstimateWarning;
-use super::{FrequencyData, lines};
 use crate::ctl::Ctl;
 use crate::trial::Trial;
 use num_complex::Complex64;
@@ -22,98 +23,8 @@ use std::f64::consts::PI;
 /// columns leaves.
 const SAMPLE_TIME_TOLERANCE: f64 = 1e-6;
 
-/// A line counts as on the grid up to this fraction of the grid's step.
-pub(super) const GRID_TOLERANCE: f64 = 1e-3;
-
-/// An amplitude below this fraction of the signal's largest value is the rounding of the transform, not a signal.
-pub(super) const ZERO_AMPLITUDE: f64 = 1e-10;
-
 /// Local polynomials are no more exact than this share of the response, which differences of it do not pass for leakage.
 const PRECISION: f64 = 1e-4;
-
-/// A segment that went into an estimate.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct UsedSegment {
-    /// The trial, from 0.
-    pub trial: usize,
-    /// Its first sample, in seconds from the trial's first.
-    pub start_s: f64,
-    /// Its length in seconds: the period of its grid.
-    pub length_s: f64,
-    /// The samples that were summed.
-    pub samples: usize,
-    /// The slope that was taken off the output, in its units a second; `None` where none stood above the noise or none
-    /// was to be taken off.
-    pub slope_per_s: Option<f64>,
-}
-
-/// Where variances come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum VarianceSource {
-    /// The scatter of the segments.
-    Repetition,
-    /// The output's power on nearby lines without a stimulus.
-    NearbyLines,
-    /// The mean square error of the local polynomials.
-    LocalPolynomial,
-}
-
-/// A closed-loop frequency response with all that belongs to it; arrays are equally long, in increasing frequency.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Estimate {
-    /// Frequencies in Hz.
-    pub frequency_hz: Vec<f64>,
-    /// Angular frequencies in rad/s.
-    pub omega_rad_s: Vec<f64>,
-    /// The response; `None` where the input has no power at all (to rounding).
-    pub h: Vec<Option<Complex64>>,
-    /// `E|H − E H|²`, where it is known.
-    pub variance: Vec<Option<f64>>,
-    /// Where the variances come from; `None` if none is known.
-    pub variance_source: Option<VarianceSource>,
-    /// Mean square of the input's sinusoid on each line, averaged over segments, in squared units of the input.
-    pub input_power: Vec<f64>,
-    /// The same of the segment in which it is weakest.
-    pub input_power_minimum: Vec<f64>,
-    /// What transients, slopes and a window leave in the response, root mean square; 0 where nothing stands above the
-    /// noise, `None` where it cannot be told.
-    pub leakage: Vec<Option<f64>>,
-    /// Whether the error of the line is at most a fifth of its response (or of the median response, where that is
-    /// larger), as far as it is known, and the data tell the response from the transient.
-    pub usable: Vec<bool>,
-    /// `|Σ R̄Y|²/(Σ|R|² Σ|Y|²)` over segments, times `|h|²/(|h|² + leakage²)`; `None` of a single one.
-    pub coherence: Vec<Option<f64>>,
-    /// Segments averaged on each line.
-    pub averages: Vec<usize>,
-    /// Real degrees of freedom of the variances of local polynomials, the fewest; `None` of others.
-    pub degrees_of_freedom: Option<f64>,
-    /// Whether transients were removed.
-    pub transients_removed: bool,
-    /// The segments.
-    pub segments: Vec<UsedSegment>,
-    /// Step of the grid of the shortest segment, in Hz.
-    pub resolution_hz: f64,
-    /// Equivalent noise bandwidth of the window on that grid, in Hz.
-    pub noise_bandwidth_hz: f64,
-    /// What must be read before using it.
-    pub warnings: Vec<EstimateWarning>,
-}
-
-impl Estimate {
-    /// The data as identification takes them; lines without a response are left out, and so are lines that are not
-    /// usable where local polynomials tell which (warnings name them).
-    #[must_use]
-    pub fn data(&self) -> FrequencyData {
-        let chooses = self.variance_source == Some(VarianceSource::LocalPolynomial) && self.usable.contains(&true);
-        let known: Vec<usize> =
-            (0..self.h.len()).filter(|i| self.h[*i].is_some() && (self.usable[*i] || !chooses)).collect();
-        FrequencyData {
-            omega_rad_s: known.iter().map(|i| self.omega_rad_s[*i]).collect(),
-            h: known.iter().filter_map(|i| self.h[*i]).collect(),
-            variance: known.iter().map(|i| self.variance[*i]).collect(),
-        }
-    }
-}
 
 /// The response from command to output; see the module's description for the formulas.
 ///
@@ -162,47 +73,6 @@ pub fn estimate_between(
     }
     let (removal, local) = job.removal(&grids, &frequency_hz, ctl)?;
     Ok(job.assemble(frequency_hz, &transformed, &grids, &local, removal))
-}
-
-/// What becomes of transients.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Removal {
-    /// They are kept.
-    None,
-    /// The segments are whole periods, and nothing stands above the noise.
-    Nothing,
-    /// The segments are whole periods, and their transients are taken off.
-    Corrected,
-    /// The response is that of the local polynomials.
-    Local,
-}
-
-/// A segment of a trial.
-pub(super) struct Piece {
-    pub trial: usize,
-    pub segment: Segment,
-}
-
-/// A segment at the lines.
-pub(super) struct Transformed {
-    /// `(R, Y)`; `None` where the input has no power.
-    pub pairs: Vec<Option<(Complex64, Complex64)>>,
-    /// Input power at the lines, and of its strongest line.
-    pub power: Vec<f64>,
-    pub strongest: f64,
-    /// Lines on which the other stimulus has power too.
-    pub shared: Vec<bool>,
-    /// `S/|R|²` at the lines, for a single segment.
-    nearby_variance: Vec<Option<f64>>,
-}
-
-pub(super) struct Job<'a> {
-    pub trials: &'a [&'a Trial],
-    pub settings: &'a CheckedSettings,
-    pub channels: Channels,
-    pub pieces: Vec<Piece>,
-    /// Samples at the end of trials that are in no segment, the largest number.
-    pub unused: usize,
 }
 
 impl<'a> Job<'a> {
@@ -482,14 +352,4 @@ struct Line {
     leakage: Option<f64>,
     coherence: Option<f64>,
     averages: usize,
-}
-
-/// The grid line that a frequency is, if it is one.
-pub(super) fn on_grid(frequency_hz: f64, length_s: f64) -> Option<usize> {
-    let cycles = frequency_hz * length_s;
-    ((cycles - cycles.round()).abs() <= GRID_TOLERANCE).then_some(cycles.round() as usize)
-}
-
-pub(super) fn largest(column: &[f64], segment: &Segment) -> f64 {
-    column[segment.start..segment.start + segment.samples].iter().fold(0.0, |most, x| most.max(x.abs()))
 }

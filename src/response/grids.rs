@@ -2,8 +2,8 @@
 //! on.
 
 use super::error::FrequencyError;
-use super::estimate::{GRID_TOLERANCE, Job, ZERO_AMPLITUDE, largest};
 use super::excited::{excited_lines, strongest};
+use super::job::{GRID_TOLERANCE, Job, ZERO_AMPLITUDE, largest};
 use super::segments::Segment;
 use super::settings::{Detrend, Window};
 use super::spectrum::line_power;

@@ -1,7 +1,7 @@
 //! Which lines can be asked for: below the Nyquist frequency, and as far apart as the window tells them.
 
 use super::error::FrequencyError;
-use super::estimate::GRID_TOLERANCE;
+use super::job::GRID_TOLERANCE;
 use super::segments::Segment;
 use super::settings::{CheckedSettings, Lines, Window};
 use crate::trial::Trial;

@@ -30,15 +30,18 @@
 //! the presets follow that. For his commands, which are not periodic, the two differ by less than 1 % of `H` (on a
 //! linear loop and the 60-s chirp: mean error 0.026 excluded, 0.023 included, both from leakage).
 
+mod data;
 mod drift;
 mod error;
 mod estimate;
 mod excited;
 mod grids;
+mod job;
 mod lines;
 mod local_polynomial;
 mod removal;
 mod repeats;
+mod result;
 mod segments;
 mod settings;
 mod spectrum;
@@ -47,25 +50,14 @@ mod usable;
 mod variance;
 mod warnings;
 
+pub use data::FrequencyData;
 pub use error::FrequencyError;
-pub use estimate::{Estimate, UsedSegment, VarianceSource, estimate, estimate_between};
+pub use estimate::{estimate, estimate_between};
 pub use repeats::{Fold, MOST_FOLDS, RepeatKind, Repeats, repeats};
+pub use result::{Estimate, UsedSegment, VarianceSource};
 pub use settings::{
     Average, Bounds, Channels, CheckedSettings, CountSegments, Detrend, EndSample, FrequencySettings, LengthSegments,
     Lines, Response, Segments, SettingsError, Stimulus, Transients, Window,
 };
 pub use spectrum::direct_transform;
 pub use warnings::EstimateWarning;
-
-use num_complex::Complex64;
-
-/// Frequency response data as identification takes it: equally long, in increasing frequency.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FrequencyData {
-    /// Angular frequencies in rad/s.
-    pub omega_rad_s: Vec<f64>,
-    /// The response at each frequency.
-    pub h: Vec<Complex64>,
-    /// The variance `E|H − E H|²` at each frequency; `None` unless it is known at every one.
-    pub variance: Option<Vec<f64>>,
-}

@@ -1,8 +1,8 @@
 //! Transients of all segments at the lines: estimated with the response, and whether they stand above the noise.
 
 use super::error::FrequencyError;
-use super::estimate::{Job, on_grid};
 use super::grids::Grids;
+use super::job::{Job, on_grid};
 use super::local_polynomial::{LocalLine, Pair, fit};
 use super::settings::{Detrend, EndSample, Transients, Window};
 use super::warnings::is_periodic;

@@ -2,7 +2,8 @@
 //! segments compares.
 
 use super::error::FrequencyError;
-use super::estimate::{Estimate, estimate_between};
+use super::estimate::estimate_between;
+use super::result::Estimate;
 use super::settings::{Bounds, Channels, CheckedSettings, FrequencySettings, Lines, Segments};
 use crate::ctl::Ctl;
 use crate::trial::Trial;

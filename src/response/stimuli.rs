@@ -4,8 +4,8 @@
 //! Values are amplitudes, `2 X(ω)/Σw`: a sinusoid `a cos(ωt + φ)`, `t` from the start of the segment, has `a e^{jφ}`.
 
 use super::error::FrequencyError;
-use super::estimate::{GRID_TOLERANCE, on_grid};
 use super::excited::{excited_lines, strongest};
+use super::job::{GRID_TOLERANCE, on_grid};
 use super::segments::{self, Segment};
 use super::settings::{CheckedSettings, Detrend, EndSample, Stimulus, Window};
 use super::spectrum::{direct_transform, grid_transform, line_power, prepare};

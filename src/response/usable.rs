@@ -1,6 +1,6 @@
 //! Which lines of an estimate are good for something.
 
-use super::estimate::Removal;
+use super::job::Removal;
 use super::removal::Local;
 use num_complex::Complex64;
 

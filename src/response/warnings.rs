@@ -1,7 +1,8 @@
 //! What a scientist must read before using frequency data.
 
 use super::error::{name, other};
-use super::estimate::{Estimate, Job, Piece, Transformed, VarianceSource};
+use super::job::{Job, Piece, Transformed};
+use super::result::{Estimate, VarianceSource};
 use super::segments::Segment;
 use super::settings::{Average, EndSample, Stimulus};
 

@@ -153,7 +153,8 @@ fn every_room_is_in_the_walk() {
     for entry in std::fs::read_dir(root().join("src")).unwrap() {
         let path = entry.unwrap().path();
         let room = path.file_stem().unwrap().to_string_lossy().into_owned();
-        if room != "lib" && room != "main" {
+        // What is compiled for tests only is no room that data pass through.
+        if !["lib", "main", "published"].contains(&room.as_str()) {
             let name = format!("`{room}`");
             assert!(rows.iter().any(|row| row.split('|').nth(1).unwrap().contains(&name)), "{name} has no row");
         }

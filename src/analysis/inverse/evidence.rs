@@ -2,8 +2,9 @@
 
 use super::half::Half;
 use super::parts::{Rows, Verdict, poles, rows};
+use crate::convex::lmi::SolvedBy;
 use crate::inverse::lqr::InverseLqr;
-use crate::inverse::{Evidence, Role, SolvedBy};
+use crate::inverse::{Evidence, Role};
 use nalgebra::DMatrix;
 use schemars::JsonSchema;
 use serde::Serialize;

@@ -3,7 +3,8 @@
 use crate::analysis::report::Warning;
 use crate::control::Model;
 use crate::identify::family::Member;
-use crate::identify::search::{MOST_NEAR, NEAR};
+use crate::identify::problem::NEAR;
+use crate::identify::search::MOST_NEAR;
 use crate::identify::ssid::Identified;
 use crate::learning::frequency_domain::controller_metrics_delayed;
 use num_complex::Complex64;

@@ -6,7 +6,7 @@ use crate::control::transfer_function::TransferFunctionError;
 use crate::control::{Discrete, LeftFraction, MultivariableModel};
 use crate::identify::identifiability::Identifiability;
 use crate::identify::mimo::{Identified, Plant};
-use crate::identify::search::NEAR;
+use crate::identify::problem::NEAR;
 use crate::identify::time::Time;
 use nalgebra::DMatrix;
 use num_complex::Complex64;

@@ -16,7 +16,7 @@
 //! which is far below rounding for every loop whose gain from reference to force is a number of working precision.
 
 use super::design::{Design, DesignLimits};
-use super::search::{SearchBox, SectionBox};
+use super::search_box::{SearchBox, SectionBox};
 use std::collections::BinaryHeap;
 use std::f64::consts::PI;
 

@@ -21,6 +21,7 @@ mod edge;
 mod following;
 mod norm;
 mod search;
+mod search_box;
 mod several;
 mod space;
 
@@ -28,4 +29,5 @@ pub use bound::{Impossible, impossible};
 pub use controller::{Compensator, Section};
 pub use design::{Design, DesignLimits, Judged};
 pub use edge::{Edge, End, Unknown};
-pub use search::{Curve, DesignError, Found, SearchBox, SearchSummary, SectionBox, search, sweep};
+pub use search::{Curve, DesignError, Found, SearchSummary, search, sweep};
+pub use search_box::{SearchBox, SectionBox};

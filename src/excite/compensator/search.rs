@@ -5,6 +5,7 @@ use super::bound::{Impossible, impossible};
 use super::controller::Compensator;
 use super::design::{Design, DesignLimits};
 use super::edge::Edge;
+use super::search_box::{SearchBox, SectionBox};
 use super::several;
 use super::space::{EDGE, Space};
 use crate::control::bode::log_grid;
@@ -27,38 +28,6 @@ pub(super) const SAME: f64 = 1e-6;
 const BATCH: usize = 256;
 /// Points that are looked at closely where none keeps the limits.
 const LOOKED_AT: usize = 400;
-
-/// Between which values the unknowns of a section are looked for; equal ends fix one.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum SectionBox {
-    /// Of first order.
-    First {
-        /// f_z, Hz.
-        zero_hz: [f64; 2],
-        /// f_p, Hz.
-        pole_hz: [f64; 2],
-    },
-    /// Of second order.
-    Second {
-        /// f_z, Hz.
-        zero_hz: [f64; 2],
-        /// f_p, Hz.
-        pole_hz: [f64; 2],
-        /// ζ_z and ζ_p.
-        damping: [f64; 2],
-    },
-}
-
-/// Between which values each unknown is looked for; equal ends fix it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SearchBox {
-    /// K.
-    pub gain: [f64; 2],
-    /// The sections; none for proportional control.
-    pub sections: Vec<SectionBox>,
-    /// Whether f_z ≤ f_p is asked for of sections of first order: leads in the strict sense.
-    pub zero_below_pole: bool,
-}
 
 /// Why there is no best compensator.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

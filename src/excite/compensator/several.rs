@@ -2,7 +2,8 @@
 
 use super::ascent::Task;
 use super::design::{Design, DesignLimits};
-use super::search::{self, DesignError, Found, SearchBox, SectionBox, best_of};
+use super::search::{self, DesignError, Found, best_of};
+use super::search_box::{SearchBox, SectionBox};
 use super::space::Space;
 use super::{Compensator, Section};
 use crate::control::bode::log_grid;

@@ -2,7 +2,7 @@
 
 use super::controller::{Compensator, Section};
 use super::edge::{Edge, End, Unknown};
-use super::search::{SearchBox, SectionBox};
+use super::search_box::{SearchBox, SectionBox};
 
 /// An unknown within this distance (of its logarithm) from an edge is on it.
 pub(super) const EDGE: f64 = 1e-6;

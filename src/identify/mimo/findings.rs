@@ -2,7 +2,7 @@
 
 use super::error::grouped;
 use super::identify::{Identified, Plant, Settings};
-use crate::identify::search::NEAR;
+use crate::identify::problem::NEAR;
 use crate::identify::ssid::Finding;
 
 /// Below this separation, or above this condition number, feedback and feedforward count as confounded.

@@ -5,7 +5,7 @@ use super::kernel::{Fixed, LANES};
 use super::pool::{FeedbackPool, Row};
 use super::stability::Tester;
 use crate::ctl::{Bracket, Ctl, Stopped};
-use crate::identify::search::NEAR;
+use crate::identify::problem::NEAR;
 use rayon::prelude::*;
 
 /// The best candidate, and how it was found.

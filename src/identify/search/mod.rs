@@ -24,6 +24,6 @@ pub use factored::trees::FactorTrees;
 pub use prepared::{KeepNothing, Prepared, PreparedPools, RecipeOnPlant};
 pub use screen::exact;
 pub use screen::exhaustive::Exhaustive;
-pub use screen::optimum::{MOST_NEAR, Method, NEAR, Optimum, Search};
+pub use screen::optimum::{MOST_NEAR, Method, Optimum, Search};
 pub use sensitivity::build::clusters::Clusters;
 pub use sensitivity::search::SensitivitySearch;

@@ -6,9 +6,9 @@ use super::trees::FactorTrees;
 use super::walk::{Walk, WorkerState};
 use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::Pool;
-use crate::identify::problem::Problem;
+use crate::identify::problem::{NEAR, Problem};
 use crate::identify::search::screen::decide::{BracketReporter, Harvest, decide};
-use crate::identify::search::screen::optimum::{NEAR, Optimum, Search};
+use crate::identify::search::screen::optimum::{Optimum, Search};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 

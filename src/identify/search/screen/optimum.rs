@@ -8,9 +8,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Candidates whose cost is within this share of the best one's are counted.
-pub const NEAR: f64 = 0.01;
-
 /// Candidates that a family keeps.
 pub const MOST_NEAR: usize = 100;
 
