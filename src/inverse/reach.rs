@@ -179,6 +179,12 @@ impl Reach {
         self.is_whole().then(|| DMatrix::from_fn(n.nrows(), n.ncols(), |i, j| n[(i, j)] * inputs[i] * states[j]))
     }
 
+    /// Ω of a coupling (in products of the units of two inputs) in the units of the plant.
+    pub(super) fn coupling(&self, omega: &DMatrix<f64>) -> DMatrix<f64> {
+        let inputs = &self.balanced.inputs;
+        DMatrix::from_fn(omega.nrows(), omega.ncols(), |i, j| omega[(i, j)] * inputs[i] * inputs[j])
+    }
+
     /// The bounds of K's entries in the units of the plant, where that is whole.
     pub(super) fn gain_box(&self) -> Option<DMatrix<f64>> {
         let (Balanced { states, inputs, .. }, k) = (&self.balanced, &self.core.rounding.k);

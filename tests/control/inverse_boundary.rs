@@ -555,6 +555,27 @@ fn proves_infeasible(member: &Member, n: &DMatrix<f64>) -> bool {
     exact::is_definite(&x) && exact::is_definite(&t)
 }
 
+/// Whether Ω proves that no R makes R·M symmetric, in rational arithmetic.
+fn proves_no_weight(member: &Member, omega: &DMatrix<f64>) -> bool {
+    let (a, b, k) = (exact::exact(&member.a), exact::exact(&member.b), exact::exact(&member.k));
+    let closed = exact::combined(&a, &exact::product(&b, &k), -1);
+    let columns = match member.clock {
+        Clock::Continuous => b,
+        Clock::Sampled => exact::solve(&closed, &b).unwrap(),
+    };
+    let product = exact::product(&k, &columns);
+    let omega = exact::exact(omega);
+    assert_eq!(exact::transpose(&omega), exact::combined(&exact::combined(&omega, &omega, -1), &omega, -1));
+    let half = exact::product(&omega, &exact::transpose(&product));
+    let mut t = exact::combined(&half, &exact::transpose(&half), 1);
+    let m = t.len() as i64;
+    let floor = BigRational::new(1.into(), 100_000.into());
+    let trace: BigRational = t.iter().enumerate().map(|(i, row)| row[i].clone()).sum();
+    let lift = &floor * trace / (BigRational::from_integer(m.into()) * (BigRational::one() - &floor));
+    t.iter_mut().enumerate().for_each(|(i, row)| row[i] += &lift);
+    exact::is_definite(&t)
+}
+
 #[test]
 fn certificates_of_several_inputs_hold_in_rational_arithmetic() {
     let mut stream = rng::stream(SEED, "certificates");
@@ -576,6 +597,10 @@ fn certificates_of_several_inputs_hold_in_rational_arithmetic() {
             }
             Evidence::Multiplier { n: Some(n), .. } => {
                 assert!(proves_infeasible(&member, n), "{found:?}");
+                counts[1] += 1;
+            }
+            Evidence::Coupling { omega } => {
+                assert!(proves_no_weight(&member, omega), "{found:?}");
                 counts[1] += 1;
             }
             _ => {}

@@ -159,6 +159,8 @@ fn margins_of_infeasible_gains_mean_something() {
     let report = unfitted(case!("d_good_bad"));
     let result = &report.result;
     assert_eq!((&result["verdict"], &result["evidence"]["kind"]), (&json!("infeasible"), &json!("multiplier")));
+    let coupled = unfitted(case!("d_skew"));
+    assert_eq!(coupled.result["evidence"]["kind"], "coupling", "{}", coupled.result["evidence"]);
     let report = unfitted(case!("d_skew"));
     let result = &report.result;
     assert_eq!(result["verdict"], "infeasible");

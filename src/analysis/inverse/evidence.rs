@@ -22,6 +22,8 @@ pub enum EvidenceKind {
     Weights,
     /// Several inputs: a multiplier that contradicts all weights.
     Multiplier,
+    /// Several inputs: an antisymmetric matrix that contradicts every R.
+    Coupling,
     /// Sampled time with a singular A: the gain on the kernel of A, which must vanish.
     Kernel,
     /// No certificate was found on either side.
@@ -50,6 +52,10 @@ pub struct EvidenceResult {
     /// `A_cX + XA_cᵀ = BN + NᵀBᵀ` (in sampled time `X = A_cXA_cᵀ − BNA_cᵀ − A_cNᵀBᵀ`), `A_c = A − BK`, X is definite and
     /// `⟨X, Q⟩ = −⟨R, KXKᵀ + NKᵀ + KNᵀ⟩ < 0` for all weights. Null for other evidence.
     pub multiplier: Option<Rows>,
+    /// Ω of a coupling, antisymmetric, in products of the units of two inputs: with `M = KB` (in sampled time
+    /// `K(A − BK)⁻¹B`) `ΩMᵀ − MΩ` is definite but for a share of 1e-6, and orthogonal to every R for which R·M is
+    /// symmetric, as it must be. Null for other evidence.
+    pub coupling: Option<Rows>,
     /// The frequencies that N is made of, in rad/s; null likewise. Infinity is left out.
     pub frequencies_rad_s: Option<Vec<f64>>,
     /// P and R that prove a feasible verdict of several inputs, n×n in units of cost over those of the states (in
@@ -115,6 +121,7 @@ pub(super) fn evidence(half: &Half, answer: &InverseLqr) -> EvidenceResult {
         value: None,
         rounding: None,
         multiplier: None,
+        coupling: None,
         frequencies_rad_s: None,
         p: None,
         r: None,
@@ -145,6 +152,10 @@ pub(super) fn evidence(half: &Half, answer: &InverseLqr) -> EvidenceResult {
             result.multiplier = n.as_ref().map(|n| like_the_gain(half, n));
             let all = frequencies.iter().map(|omega| omega * per_second).filter(|v| v.is_finite());
             result.frequencies_rad_s = Some(all.collect());
+        }
+        Evidence::Coupling { omega } => {
+            result.kind = EvidenceKind::Coupling;
+            result.coupling = Some(rows(omega));
         }
         Evidence::None => {}
     }

@@ -320,25 +320,21 @@ impl<'a> DualTest<'a> {
         Some(margin / (m * inputs))
     }
 
-    /// N with an antisymmetric Ω more, which leaves X as it is, so that T comes as near as possible to a wanted one.
-    pub(super) fn turned(&self, n: &DMatrix<f64>, wanted: &DMatrix<f64>) -> DMatrix<f64> {
+    /// `Ω` for which `ΩMᵀ − MΩ` comes nearest to a wanted matrix, with `M = KB` (`K(A − BK)⁻¹B`), and the rows that take
+    /// it to a multiplier: `N = Ω·(A_c⁻¹B)ᵀ`, or `ΩBᵀ`.
+    fn antisymmetric(&self, wanted: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
         let m = self.core.ports();
         let shift = match self.core.clock {
             Clock::Continuous => self.core.b.transpose(),
-            Clock::Sampled => {
-                let Some(solved) = self.closed.clone().lu().solve(&self.core.b) else { return n.clone() };
-                solved.transpose()
-            }
+            Clock::Sampled => self.closed.clone().lu().solve(&self.core.b)?.transpose(),
         };
         let product = &shift * self.core.k.transpose();
-        let x = self.states(n);
-        let missing = wanted - self.inputs(n, &x);
         let pairs: Vec<(usize, usize)> = (0..m).flat_map(|j| (0..j).map(move |i| (i, j))).collect();
         if pairs.is_empty() {
-            return n.clone();
+            return None;
         }
         let image = |&(i, j): &(usize, usize)| {
-            let mut omega = DMatrix::<f64>::zeros(m, m);
+            let mut omega = DMatrix::zeros(m, m);
             omega[(i, j)] = 1.0;
             omega[(j, i)] = -1.0;
             let half = omega * &product;
@@ -346,8 +342,8 @@ impl<'a> DualTest<'a> {
         };
         let columns: Vec<f64> = pairs.iter().flat_map(image).collect();
         let matrix = DMatrix::from_vec(m * m, pairs.len(), columns);
-        let Ok((u, values, v)) = linalg::svd(&matrix) else { return n.clone() };
-        let right = u.tr_mul(&DVector::from_column_slice(missing.as_slice()));
+        let (u, values, v) = linalg::svd(&matrix).ok()?;
+        let right = u.tr_mul(&DVector::from_column_slice(wanted.as_slice()));
         let mut omega = DMatrix::<f64>::zeros(m, m);
         for (at, value) in values.iter().enumerate().filter(|(_, v)| **v > 1e-14 * values[0].max(f64::MIN_POSITIVE)) {
             for (row, (i, j)) in pairs.iter().enumerate() {
@@ -356,6 +352,47 @@ impl<'a> DualTest<'a> {
                 omega[(*j, *i)] -= entry;
             }
         }
-        n + omega * shift
+        Some((omega, shift))
     }
+
+    /// N with an antisymmetric Ω more, which leaves X as it is, so that T comes as near as possible to a wanted one.
+    pub(super) fn turned(&self, n: &DMatrix<f64>, wanted: &DMatrix<f64>) -> DMatrix<f64> {
+        let missing = wanted - self.inputs(n, &self.states(n));
+        self.antisymmetric(&missing).map_or_else(|| n.clone(), |(omega, shift)| n + omega * shift)
+    }
+
+    /// The certificate that no R ⪰ ρI makes `R·M` symmetric: `T = ΩMᵀ − MΩ` is orthogonal to all that do.
+    pub(super) fn coupling(&self, wanted: &DMatrix<f64>) -> Option<Coupling> {
+        let (omega, shift) = self.antisymmetric(wanted)?;
+        let half = &omega * &shift * self.core.k.transpose();
+        let t = symmetric(&(&half + half.transpose()));
+        let m = t.nrows() as f64;
+        let margin = FLOOR * t.trace() + m * (1.0 - FLOOR) * t.symmetric_eigenvalues().min();
+        let found = Coupling { omega, ratio: 0.0, change: None };
+        let ratio = |box_k: &DMatrix<f64>| {
+            let Core { a, b, k, clock, rounding } = self.core;
+            let moved = match clock {
+                Clock::Continuous => box_k * b.abs() + k.abs() * &rounding.b,
+                Clock::Sampled => {
+                    let solved = shift.transpose().abs();
+                    let gain = self.closed.transpose().lu().solve(&k.transpose())?.transpose().abs();
+                    let change = &rounding.a + b.abs() * box_k + &rounding.b * k.abs();
+                    box_k * &solved + &gain * change * &solved + gain * &rounding.b
+                }
+            };
+            let own = 8.0 * a.nrows() as f64 * UNIT * (k.abs() * shift.transpose().abs()).norm();
+            Some(margin / (m * 2.0 * found.omega.norm() * (moved.norm() + own)))
+        };
+        let own = ratio(&self.core.rounding.k).filter(|ratio| *ratio > CLEAR)?;
+        let change = super::distance::largest(self.core, |box_k| ratio(box_k).is_some_and(|ratio| ratio > CLEAR));
+        Some(Coupling { ratio: own, change, ..found })
+    }
+}
+
+/// An antisymmetric Ω that proves "infeasible" by the equality of R alone.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Coupling {
+    pub omega: DMatrix<f64>,
+    pub ratio: f64,
+    pub change: Option<f64>,
 }

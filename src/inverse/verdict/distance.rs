@@ -15,7 +15,7 @@ const STEPS: usize = 60;
 const HALVINGS: usize = 24;
 
 /// The relative change of K up to which a test holds; `None` where it does not hold without any.
-fn largest(core: &Core, holds: impl Fn(&DMatrix<f64>) -> bool) -> Option<f64> {
+pub(super) fn largest(core: &Core, holds: impl Fn(&DMatrix<f64>) -> bool) -> Option<f64> {
     let (m, n) = core.k.shape();
     let size = core.k.norm() / ((m * n) as f64).sqrt();
     // Of all changes of this norm the one with equal entries bounds the others within the tests' norms.

@@ -23,7 +23,7 @@ use crate::control::lyapunov::{Clock, Lyapunov};
 use crate::convex::lmi::LmiError;
 use crate::ctl::{Ctl, Stopped};
 use crate::num::linalg::{self, NoConvergence, symmetric};
-use certificate::{CLEAR, Dual, DualTest, Primal, PrimalTest};
+use certificate::{CLEAR, Coupling, Dual, DualTest, Primal, PrimalTest};
 use kalman::{Kalman, OneInput};
 use nalgebra::{DMatrix, DVector};
 use plane::{Outcome, PlaneError};
@@ -77,6 +77,12 @@ pub enum Evidence {
         n: Option<DMatrix<f64>>,
         /// The frequencies that it is made of, in rad per unit of time (sampled: per sample).
         frequencies: Vec<f64>,
+    },
+    /// An antisymmetric Ω for which `T = ΩMᵀ − MΩ` is definite, with `M = KB` (in sampled time `K(A − BK)⁻¹B`): since `R·M`
+    /// is symmetric for all weights, `⟨R, T⟩ = 0` for them.
+    Coupling {
+        /// Ω, m×m, in the units of the plant.
+        omega: DMatrix<f64>,
     },
     /// In sampled time with a singular A the gain must vanish on the kernel of A.
     Kernel {
@@ -235,6 +241,12 @@ fn several_inputs(reach: &Reach, ctl: &Ctl) -> Result<Decision, DecisionError> {
         }
         Outcome::Dual(Dual { n, ratio, change }, frequencies) => {
             let evidence = Evidence::Multiplier { n: reach.multiplier(&n), frequencies };
+            let mut decision = Decision::new(Verdict::Infeasible, evidence, Some(-ratio));
+            decision.relative_change = change;
+            decision
+        }
+        Outcome::Coupling(Coupling { omega, ratio, change }) => {
+            let evidence = Evidence::Coupling { omega: reach.coupling(&omega) };
             let mut decision = Decision::new(Verdict::Infeasible, evidence, Some(-ratio));
             decision.relative_change = change;
             decision

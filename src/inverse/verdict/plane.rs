@@ -5,7 +5,7 @@
 //! `φ(s)ᴴ M₀(R) φ(s) ⪰ tI` of [`Reduced`]. It is asked at a few frequencies, and at those where the best R violates
 //! it, until there are none.
 
-use super::certificate::{CLEAR, Dual, DualTest, FLOOR, Primal, PrimalTest, asymmetry_map};
+use super::certificate::{CLEAR, Coupling, Dual, DualTest, FLOOR, Primal, PrimalTest, asymmetry_map};
 use super::distance;
 use super::reduced::Reduced;
 use crate::control::lyapunov::Clock;
@@ -36,6 +36,8 @@ pub(super) enum Outcome {
     Primal(Primal),
     /// The multiplier and the frequencies that it is made of, in rad per unit of time.
     Dual(Dual, Vec<f64>),
+    /// No R at all satisfies its equality.
+    Coupling(Coupling),
     Neither,
 }
 
@@ -125,6 +127,9 @@ pub(super) fn search(core: &Core, reduced: &Reduced, ctl: &Ctl) -> Result<Outcom
     let traces = DVector::from_iterator(basis.len(), basis.iter().map(DMatrix::trace));
     if traces.norm() <= 1e-10 {
         // No R of positive trace at all: T = I is orthogonal to all of them.
+        if let Some(found) = dual.coupling(&DMatrix::identity(m, m)) {
+            return Ok(Outcome::Coupling(found));
+        }
         let found = dual.turned(&DMatrix::zeros(m, core.states()), &DMatrix::identity(m, m));
         let plane =
             Plane { core, reduced: reduced.clone(), dual, weights: Vec::new(), constants: Vec::new(), scale: 1.0 };
@@ -174,6 +179,9 @@ impl Plane<'_> {
             let best = solution.z[unknowns];
             if best <= FLOOR * 1.01 {
                 let wanted = &solution.duals[0] - DMatrix::identity(m, m) * (best / m as f64);
+                if let Some(found) = self.dual.coupling(&wanted) {
+                    return Ok((Outcome::Coupling(found), None));
+                }
                 let found = self.dual.turned(&DMatrix::zeros(m, self.core.states()), &wanted);
                 return Ok((self.certified(&found, Vec::new()), None));
             }
