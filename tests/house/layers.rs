@@ -163,11 +163,9 @@ fn arrows_point_one_way() {
         let Some(home) = module.path.first() else { continue };
         let allowed = table.get(home.as_str()).unwrap_or_else(|| panic!("{home} is no room of the table"));
         let imports = module.imports.iter();
-        let imports =
-            imports.map(|import| (&import.path, import.line, import.test, sources.resolve(index, &import.path)));
+        let imports = imports.map(|import| (&import.path, import.line, sources.resolve(index, &import.path)));
         let mentions = module.mentions.iter();
-        let mentions =
-            mentions.map(|mention| (&mention.path, mention.line, mention.test, sources.mentioned(index, mention)));
+        let mentions = mentions.map(|mention| (&mention.path, mention.line, sources.mentioned(index, mention)));
         for (path, line, targets) in imports.chain(mentions) {
             for used in rooms_of(&sources, module, path, &targets) {
                 checked += 1;
