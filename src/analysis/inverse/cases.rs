@@ -78,7 +78,7 @@ fn a_gain_of_zero_is_a_gain() {
     assert_eq!(report.result["verdict"], "feasible", "{}", report.result);
     // A is nilpotent: any gain that vanishes on its kernel would do.
     assert_eq!(report.result["uninformative"], true);
-    assert_eq!(report.result["forward_error"].as_f64().unwrap(), 0.0);
+    assert!(report.result["forward_error"].as_f64().unwrap() < 1e-12);
 }
 
 #[test]
@@ -106,7 +106,9 @@ fn kalmans_inequality_proves_infeasibility() {
             evidence["value"].as_f64().unwrap() < -1e-5 && evidence["ratio"].as_f64().unwrap() < -1e3,
             "{evidence}"
         );
-        assert!(report.result["relative_change"].as_f64().unwrap() > 0.0);
+        // A dip within the axis has a distance; where R/(R + BᵀPB) itself is negative there is none.
+        let change = &report.result["relative_change"];
+        assert!(change.as_f64().is_some_and(|v| v > 0.0) || evidence["kind"] == "input_weight", "{evidence}");
     }
 }
 
