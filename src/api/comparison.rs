@@ -2,7 +2,7 @@
 
 use super::etag::{self, IfNoneMatch};
 use super::extract::{FromQuery, Id, Params, QueryText, off_thread};
-use super::learning_inputs::{CurveQuery, Gathered, estimator, estimator_schema, gather, spec_sha256};
+use super::learning_inputs::{CurveQuery, Gathered, estimator, gather, spec_sha256};
 use super::problem::ApiResult;
 use super::state::AppState;
 use super::studies::StudyPath;
@@ -38,8 +38,10 @@ pub(crate) struct ComparisonQuery {
     /// Only trials of this session.
     #[param(nullable = false, minimum = 0, maximum = 1000000000)]
     session: Option<i64>,
-    /// Which estimate of the controllers the norms are of: `ssid`, `ssid_refined`, `two_stimulus` or `prediction_error`.
-    #[param(required = false, default = "ssid", schema_with = estimator_schema)]
+    /// Which estimate of the controllers the norms are of: `ssid`, `ssid_refined`, `two_stimulus` or
+    /// `prediction_error`.
+    #[param(value_type = Option<String>, nullable = false,
+        pattern = "^(ssid|ssid_refined|two_stimulus|prediction_error)$", default = "ssid")]
     estimator: Estimator,
     /// With `prediction_error`, analyses that combine several trials, with what they say of each.
     #[param(required = false, default = false)]

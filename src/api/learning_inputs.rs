@@ -30,12 +30,13 @@ pub(crate) struct CurveQuery {
     /// Whether divergent trials are shown.
     #[param(required = false, default = false)]
     pub(crate) include_divergent: bool,
-    /// Which estimate of the controllers is shown: `ssid`, `ssid_refined`, `two_stimulus` or `prediction_error`. The others
-    /// are compared with it where both have intervals.
-    #[param(required = false, default = "ssid", schema_with = estimator_schema)]
+    /// Which estimate of the controllers is shown: `ssid`, `ssid_refined`, `two_stimulus` or `prediction_error`. The
+    /// others are compared with it where both have intervals.
+    #[param(value_type = Option<String>, nullable = false,
+        pattern = "^(ssid|ssid_refined|two_stimulus|prediction_error)$", default = "ssid")]
     pub(crate) estimator: Estimator,
-    /// With `prediction_error`, show analyses that combine several trials, with what they say of each, instead of those of
-    /// single trials.
+    /// With `prediction_error`, show analyses that combine several trials, with what they say of each, instead of those
+    /// of single trials.
     #[param(required = false, default = false)]
     pub(crate) joint: bool,
     /// Show the identifications with this `spec_sha256`; without it, those with the spec that covers most
@@ -58,13 +59,6 @@ pub(super) fn spec_sha256(query: &mut QueryText) -> Result<Option<String>, Probl
 pub(super) fn estimator(query: &mut QueryText) -> Result<Option<Estimator>, Problem> {
     let names = Estimator::ALL.map(Estimator::name).join(", ");
     query.one_of("estimator", &names, |text| Estimator::ALL.into_iter().find(|e| e.name() == text))
-}
-
-pub(super) fn estimator_schema() -> utoipa::openapi::schema::Object {
-    utoipa::openapi::schema::ObjectBuilder::new()
-        .schema_type(utoipa::openapi::schema::Type::String)
-        .enum_values(Some(Estimator::ALL.map(Estimator::name)))
-        .build()
 }
 
 /// The kind of analysis that an estimator comes from.

@@ -181,8 +181,8 @@ struct Line {
     variance: Option<f64>,
 }
 
-/// The average magnitude over lines by the trapezoidal rule, its standard error from independent noise of the lines; the
-/// average is `None` of fewer than two lines.
+/// The average magnitude over lines by the trapezoidal rule, its standard error from independent noise of the lines;
+/// the average is `None` of fewer than two lines.
 fn average(lines: &[Line]) -> (Option<f64>, Option<f64>) {
     let (Some(first), Some(last)) = (lines.first(), lines.last()) else { return (None, None) };
     let width = last.omega_rad_s - first.omega_rad_s;

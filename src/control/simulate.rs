@@ -67,8 +67,8 @@ pub enum Hold {
 
 /// The output of a sampled system at rest to an input, sample by sample.
 ///
-/// Transposed direct form II with the delay line in double-double precision, so the result is that of the coefficients as
-/// given; plain `f64` loses six digits on a plant of fourth order at 500 Hz.
+/// Transposed direct form II with the delay line in double-double precision, so the result is that of the coefficients
+/// as given; plain `f64` loses six digits on a plant of fourth order at 500 Hz.
 ///
 /// # Errors
 /// [`SimulationError::Improper`], or [`SimulationError::Overflow`] where an unstable system leaves the finite numbers.

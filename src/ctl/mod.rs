@@ -2,9 +2,9 @@
 //!
 //! A kernel calls [`Ctl::check`] often enough to stop within half a second and reports its progress with
 //! [`Ctl::set_total`] and [`Ctl::advance`]; a search for a smallest cost tells with [`Ctl::set_bracket`] how near it
-//! is. Whoever calls several kernels names the phases with [`Ctl::enter`], and gives a kernel that has phases of its own
-//! its share with [`Ctl::scope`]. Whoever waits calls [`Ctl::stop`], [`Ctl::progress`] and [`Ctl::bracket`]. There is no
-//! clock here: a deadline is somebody with a clock calling `stop(StopReason::Deadline)`.
+//! is. Whoever calls several kernels names the phases with [`Ctl::enter`], and gives a kernel that has phases of its
+//! own its share with [`Ctl::scope`]. Whoever waits calls [`Ctl::stop`], [`Ctl::progress`] and [`Ctl::bracket`]. There
+//! is no clock here: a deadline is somebody with a clock calling `stop(StopReason::Deadline)`.
 
 mod bracket;
 mod progress;
@@ -137,8 +137,8 @@ impl Ctl {
         }
     }
 
-    /// Begins a phase that takes about `share`, from 0 to 1, of the time of the whole, or of the innermost [`Scope`]; the
-    /// phase before is over.
+    /// Begins a phase that takes about `share`, from 0 to 1, of the time of the whole, or of the innermost [`Scope`];
+    /// the phase before is over.
     pub fn enter(&self, phase: Phase, share: f64) {
         let mut course = held(&self.course);
         let (from, to) = course.give(share);

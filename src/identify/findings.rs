@@ -105,7 +105,8 @@ pub(super) fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, positio
         say(
             "near_optimal_candidates",
             format!(
-                "{near} candidates of the pool cost at most {:.0} % more than the best one, or cannot be told from it by \
+                "{near} candidates of the pool cost at most {:.0} % more than the best one, or cannot be told from \
+                 it by \
                  rounding",
                 100.0 * NEAR
             ),

@@ -53,8 +53,8 @@ pub struct Gains {
 /// What is known of the gain beside its entries.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Knowledge {
-    /// Half a unit of the last digit of each entry, absolute and not negative, in the shape of the gain as it is written
-    /// (n×p of a filter); none where the entries are as exact as their doubles.
+    /// Half a unit of the last digit of each entry, absolute and not negative, in the shape of the gain as it is
+    /// written (n×p of a filter); none where the entries are as exact as their doubles.
     pub gain_rounding: Option<DMatrix<f64>>,
     /// A discount of the cost: the factor γ < 1 of each sample, or in continuous time the rate ρ > 0 of `e^(−ρt)`, per
     /// unit of time. The question is then that of √γ A and √γ B, or of A − ρI/2.
@@ -170,7 +170,8 @@ pub enum GainsError {
     },
     /// A mode that no input reaches (no output sees) does not decay, and holding against it costs for ever.
     #[error(
-        "{miss} the mode {mode}, which does not decay, and {matrix} answers it with {cost:.1e} in the steady state: the \
+        "{miss} the mode {mode}, which does not decay, and {matrix} answers it with {cost:.1e} in the steady state: \
+         the \
          cost is infinite"
     )]
     EndlessCost {

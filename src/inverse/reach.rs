@@ -173,7 +173,8 @@ impl Reach {
         self.balanced.input_weight(weight)
     }
 
-    /// N of a dual certificate (m×n, in the units of K times those of X) in the units of the plant, where that is whole.
+    /// N of a dual certificate (m×n, in the units of K times those of X) in the units of the plant, where that is
+    /// whole.
     pub(super) fn multiplier(&self, n: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         let Balanced { states, inputs, .. } = &self.balanced;
         self.is_whole().then(|| DMatrix::from_fn(n.nrows(), n.ncols(), |i, j| n[(i, j)] * inputs[i] * states[j]))

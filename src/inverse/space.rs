@@ -58,8 +58,8 @@ impl Space {
         Self::spanned(scale, &weights, [a.nrows(), m], None)
     }
 
-    /// The same in the units of the plant, by balanced ones where inputs reach every state: there rounding does the least
-    /// harm.
+    /// The same in the units of the plant, by balanced ones where inputs reach every state: there rounding does the
+    /// least harm.
     pub(super) fn of(gains: &Gains) -> Result<Self, NoConvergence> {
         let Some((balanced, core)) = gains.reach.whole() else {
             return Self::new([&gains.a, &gains.b, &gains.k], gains.clock);

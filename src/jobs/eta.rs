@@ -6,8 +6,8 @@ use crate::ctl::Progress;
 /// of the whole since the beginning, for the phases to come.
 ///
 /// The shares of phases are estimates; what is left of the present phase does not depend on them. A new phase began at
-/// the latest observation of the one before, and its count at the latest at which there was none. Times are microseconds of whatever clock the caller has; the estimator has
-/// none.
+/// the latest observation of the one before, and its count at the latest at which there was none. Times are
+/// microseconds of whatever clock the caller has; the estimator has none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EtaEstimator {
     began_us: i64,

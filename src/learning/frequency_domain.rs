@@ -14,7 +14,8 @@ const SAME_SAMPLE_TIME: f64 = 1e-9;
 /// Band averages of moduli, `‖X‖ = 1/(ω₂ − ω₁) ∫_{ω₁}^{ω₂} |X(jω)| dω` (sampled: `X(e^{jωT})`).
 ///
 /// Zhang 2015, section 3.6 (first two) and section 5.7 (first and third). Computed by adaptive 7/15-point Gauss–Kronrod
-/// quadrature until the estimated error is below 1e-9 of the value, from responses evaluated in double-double precision.
+/// quadrature until the estimated error is below 1e-9 of the value, from responses evaluated in double-double
+/// precision.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ControllerMetrics {
     /// ‖Gfb‖, in units of u per unit of error; null where it is infinite.
@@ -203,9 +204,9 @@ fn quotient((num, den): (Complex64, Complex64)) -> Complex64 {
 
 /// Numerator and denominator at the angular frequency `omega`.
 ///
-/// Evaluated in double-double precision: the FIR feedforward that inverts a plant sampled at 50 Hz has coefficients of 10⁸
-/// that cancel to 1 at the frequencies of interest, and plain Horner would leave noise of 10⁻⁸ in which no quadrature
-/// converges.
+/// Evaluated in double-double precision: the FIR feedforward that inverts a plant sampled at 50 Hz has coefficients of
+/// 10⁸ that cancel to 1 at the frequencies of interest, and plain Horner would leave noise of 10⁻⁸ in which no
+/// quadrature converges.
 pub(super) fn fraction(system: &System, omega: f64) -> (Complex64, Complex64) {
     let x = match system {
         System::Continuous(g) => g.time().point(omega),

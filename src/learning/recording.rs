@@ -70,7 +70,8 @@ pub fn doubts(trial: &Trial, plant: Option<&Model>) -> Vec<Doubt> {
     .collect();
     for name in &still {
         let message = format!(
-            "{name} is constant throughout{}: look whether the right column was read, and whether the device recorded it",
+            "{name} is constant throughout{}: look whether the right column was read, and whether the device \
+             recorded it",
             if *name == "r" { " and there is no disturbance" } else { "" }
         );
         doubts.push(doubt("constant_channel", message));
@@ -120,7 +121,7 @@ fn mismatch(trial: &Trial, plant: &Model) -> Option<Doubt> {
         models.iter().filter_map(|model| explained(model, input, disturbance, output)).reduce(f64::max)
     };
     let own = share(&signals.control, &signals.output)?;
-    if own >= EXPLAINED {
+    if own >= UNDOUBTED {
         return None;
     }
     let others = [
@@ -138,18 +139,23 @@ fn mismatch(trial: &Trial, plant: &Model) -> Option<Doubt> {
             continue;
         };
         let message = format!(
-            "{names} look exchanged: through the plant they explain {:.1} % of each other in this order, and {:.1} % as \
+            "{names} look exchanged: through the plant they explain {:.1} % of each other in this order, and {:.1} % \
+             as \
              they are named",
             100.0 * other,
             100.0 * own.max(0.0)
         );
         return Some(doubt("channels_exchanged", message));
     }
+    if own >= EXPLAINED {
+        return None;
+    }
     let with = if disturbance.is_some() { "u and d" } else { "u" };
     Some(doubt(
         "output_not_from_control",
         format!(
-            "{with} through the plant explain {:.1} % of y, from the best initial state: the plant, the units, a column \
+            "{with} through the plant explain {:.1} % of y, from the best initial state: the plant, the units, a \
+             column \
              or a delay of the recording is not what it is taken for",
             100.0 * own.max(0.0)
         ),

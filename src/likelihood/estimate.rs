@@ -126,7 +126,8 @@ struct Climbed {
     stop: least_squares::Stop,
 }
 
-/// The share that the climbs take of the time of a whole analysis, which draws starts before and judges the answer after.
+/// The share that the climbs take of the time of a whole analysis, which draws starts before and judges the answer
+/// after.
 const CLIMBS_SHARE: f64 = 0.5;
 
 /// Finds the most likely parameters.

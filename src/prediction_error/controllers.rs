@@ -138,8 +138,8 @@ impl Estimate {
         region(response.value, &spread)
     }
 
-    /// A norm of a record over a band in rad/s, with the plant's response; `None` where the plant is zero or infinite in
-    /// the band and the norm with it.
+    /// A norm of a record over a band in rad/s, with the plant's response; `None` where the plant is zero or infinite
+    /// in the band and the norm with it.
     #[must_use]
     pub fn norm(
         &self,

@@ -7,8 +7,8 @@
 //! a look-ahead: at these frequencies a look-ahead and a derivative are the same.
 //!
 //! Whether the feedforward is the inverse of the plant is the question, and the poles of that inverse are the plant's
-//! zeros. Those that are stable and slow reach beyond any window, so there are columns with these poles too: the command
-//! divided by Z(q), the polynomial of the slow stable zeros, at as many lags as there are zeros.
+//! zeros. Those that are stable and slow reach beyond any window, so there are columns with these poles too: the
+//! command divided by Z(q), the polynomial of the slow stable zeros, at as many lags as there are zeros.
 
 use super::lags::Lags;
 use super::orthonormal::orthonormalise;

@@ -1,9 +1,9 @@
 //! Tests of hypotheses about the controllers, by the procedures whose size was measured (docs/limits.md).
 //!
-//! Each is a likelihood ratio `D = Σ n_i ln(σ₀ᵢ²/σ₁ᵢ²)` of the free-lag form against the form without what is tested, on
-//! the same samples. False feedforward comes from feedback that was cut short, and a criterion with chosen orders prefers
-//! a feedforward where there is none: so its test takes at least [`FEEDFORWARD_TEST_LAGS`] lags of the error, and demands
-//! `D > k ln n` besides.
+//! Each is a likelihood ratio `D = Σ n_i ln(σ₀ᵢ²/σ₁ᵢ²)` of the free-lag form against the form without what is tested,
+//! on the same samples. False feedforward comes from feedback that was cut short, and a criterion with chosen orders
+//! prefers a feedforward where there is none: so its test takes at least [`FEEDFORWARD_TEST_LAGS`] lags of the error,
+//! and demands `D > k ln n` besides.
 
 use super::design::Form;
 use super::estimate::{Estimate, EstimateError, Settings, estimate_form};

@@ -5,10 +5,11 @@
 //!   `Q = n (n + 2) Σ_{k ≤ m} ρ_k²/(n − k)` (Ljung and Box, *Biometrika* 65, 1978), chi-square with m less the noise
 //!   parameters as degrees of freedom; and the score test `n R²` of the residuals' regression on their own past and all
 //!   columns of the form, chi-square with as many degrees of freedom as lags (Breusch, *Australian Economic Papers* 17,
-//!   1978; Godfrey, *Econometrica* 46, 1978). Beside lags of the control the first has little power: of people with a sum
-//!   of two noises whose interval failed it saw 15 %, the second 97 %, at a size of 5 % (docs/limits.md).
-//! - What further lags of the command, or of the error, would explain: the same score test on these lags (Ljung, *System
-//!   Identification*, section 16.6, tests the correlations themselves, which for a slow command are nearly equal).
+//!   1978; Godfrey, *Econometrica* 46, 1978). Beside lags of the control the first has little power: of people with a
+//! sum of two noises whose interval failed it saw 15 %, the second 97 %, at a size of 5 % (docs/limits.md).
+//! - What further lags of the command, or of the error, would explain: the same score test on these lags (Ljung,
+//! *System Identification*, section 16.6, tests the correlations themselves, which for a slow command are nearly
+//! equal).
 
 use super::design::{Columns, Form};
 use super::estimate::{Estimate, RecordEstimate};

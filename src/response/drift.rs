@@ -1,9 +1,9 @@
 //! The slope of a record's output that the input does not explain.
 //!
-//! On the lines k of a segment of N samples, a slope of b a sample has the transform `b S(k)`, `S(k) = N/(e^{−jω} − 1)`,
-//! `ω = 2πk/N`. A straight line fitted to the samples would also take what the stimulus' own sinusoids have of one.
-//! Here b is fitted on the lowest lines together with the transient (a polynomial in k) and, where the stimulus has
-//! power on these lines, with the response to it (another polynomial times R).
+//! On the lines k of a segment of N samples, a slope of b a sample has the transform `b S(k)`, `S(k) = N/(e^{−jω} −
+//! 1)`, `ω = 2πk/N`. A straight line fitted to the samples would also take what the stimulus' own sinusoids have of
+//! one. Here b is fitted on the lowest lines together with the transient (a polynomial in k) and, where the stimulus
+//! has power on these lines, with the response to it (another polynomial times R).
 
 use num_complex::Complex64;
 use std::f64::consts::TAU;

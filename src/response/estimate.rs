@@ -23,7 +23,8 @@ use std::f64::consts::PI;
 /// columns leaves.
 const SAMPLE_TIME_TOLERANCE: f64 = 1e-6;
 
-/// Local polynomials are no more exact than this share of the response, which differences of it do not pass for leakage.
+/// Local polynomials are no more exact than this share of the response, which differences of it do not pass for
+/// leakage.
 const PRECISION: f64 = 1e-4;
 
 /// The response from command to output; see the module's description for the formulas.

@@ -2,9 +2,9 @@
 //!
 //! A segment that is no whole number of periods of a steady state has, on every line k of its grid,
 //! `Y(k) = H(k) R(k) + T(k) + V(k)`: the transient T comes from what the system remembers at the segment's start and
-//! end, and is smooth in k, as H is (Pintelon & Schoukens, *System Identification: A Frequency Domain Approach*, 2nd ed.,
-//! 2012, section 6.3 and chapter 7; Schoukens, Vandersteen, Barbé & Pintelon 2009). Around a line at c, on the lines `k`
-//! at `d = (k − c)/n`, `|d| ≤ 1`,
+//! end, and is smooth in k, as H is (Pintelon & Schoukens, *System Identification: A Frequency Domain Approach*, 2nd
+//! ed., 2012, section 6.3 and chapter 7; Schoukens, Vandersteen, Barbé & Pintelon 2009). Around a line at c, on the
+//! lines `k` at `d = (k − c)/n`, `|d| ≤ 1`,
 //!
 //! `Yₛ(k) = R(k) Σₚ hₚ dᵖ + Σₚ tₛₚ dᵖ + V(k)`, `p = 0 … P − 1`,
 //!

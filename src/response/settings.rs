@@ -180,8 +180,8 @@ pub struct FrequencySettings {
     /// The segments: `[{"start_s", "end_s"}, ..]`, `{"count": 2}` or `{"length_s": 20, "start_s": 5}`.
     /// Default: those of the preset; for other lines one segment with all samples of the record.
     pub segments: Option<Segments>,
-    /// What is taken off every segment. Default: `line` where transients are removed, `mean` where they are kept; nothing
-    /// for the presets and where the line 0 Hz is named.
+    /// What is taken off every segment. Default: `line` where transients are removed, `mean` where they are kept;
+    /// nothing for the presets and where the line 0 Hz is named.
     pub detrend: Option<Detrend>,
     /// What becomes of transients. Default: `remove`; `keep` for the presets and with a window.
     pub transients: Option<Transients>,

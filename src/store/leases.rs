@@ -148,7 +148,8 @@ impl Store {
             "UPDATE analyses SET status = 'running', attempts = attempts + 1, lease_token = $1, lease_expires_at = $2,
                 worker = $3, started_at = $4, progress_done = 0, progress_total = 0, progress_at = $4,
                 phase = 'computing', phase_from = 0, phase_to = 1, fraction = 0, phase_began_at = $4, eta_s = NULL,
-                incumbent_cost = NULL, incumbent_index = NULL, lower_bound = NULL, incumbent = NULL, version = version + 1, updated_at = $4
+                incumbent_cost = NULL, incumbent_index = NULL, lower_bound = NULL, incumbent = NULL, version =
+                version + 1, updated_at = $4
              WHERE id = (SELECT id FROM analyses WHERE status = 'queued' AND available_at <= $4
                          ORDER BY available_at, id LIMIT 1)
                AND status = 'queued'

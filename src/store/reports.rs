@@ -39,9 +39,9 @@ impl Store {
         verified(&row)
     }
 
-    /// Succeeded reports of this kind for each trial given: in the order of `trials`, each trial's oldest first. Only those
-    /// of analyses of a single trial, or, with `joint`, only those of analyses that combine several, which say something
-    /// of each of them only where their result goes trial by trial.
+    /// Succeeded reports of this kind for each trial given: in the order of `trials`, each trial's oldest first. Only
+    /// those of analyses of a single trial, or, with `joint`, only those of analyses that combine several, which say
+    /// something of each of them only where their result goes trial by trial.
     ///
     /// # Errors
     /// [`StoreError::Damaged`], the database's own.

@@ -149,8 +149,8 @@ impl Trial {
         self.signals.command.iter().zip(&self.signals.output).map(|(r, y)| r - y).collect()
     }
 
-    /// SHA-256 of command, control, output and disturbance alone, each number by its bits: the same for a recording with
-    /// a time column and for one with a sample time.
+    /// SHA-256 of command, control, output and disturbance alone, each number by its bits: the same for a recording
+    /// with a time column and for one with a sample time.
     #[must_use]
     pub fn signals_sha256(&self) -> [u8; 32] {
         let mut hasher = Sha256::new();

@@ -129,7 +129,8 @@ fn rational(prefix: &str, law: RationalLaw, delay_s: [f64; 2], parameters: &mut 
 }
 
 impl Person {
-    /// A structure on a plant; delays of feedback and feedforward are sought in `delay_s`, `scale_rad_s` is a frequency in the middle of the lines.
+    /// A structure on a plant; delays of feedback and feedforward are sought in `delay_s`, `scale_rad_s` is a frequency
+    /// in the middle of the lines.
     ///
     /// # Errors
     /// [`StructureError`].

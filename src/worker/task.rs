@@ -13,7 +13,8 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep};
 
-/// How often cancellation is looked for: a read of some microseconds. What is cancelled is to stop within half a second.
+/// How often cancellation is looked for: a read of some microseconds. What is cancelled is to stop within half a
+/// second.
 const PEEK: Duration = Duration::from_millis(100);
 
 /// How long to wait before the inputs are read again; longer each time.

@@ -16,6 +16,7 @@ mod box_programs;
 mod convex;
 mod inverse;
 mod inverse_boundary;
+mod inverse_certificates;
 mod inverse_random;
 mod inverse_verdicts;
 mod lti;

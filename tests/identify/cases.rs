@@ -237,8 +237,8 @@ fn two_proportional_is_refused_as_confounded() {
     assert!(problem.detail.contains("in one proportion"), "{problem}");
 }
 
-/// Gff = s, Gfb = 3 e^{−.2 s} around the sampled integrator, whose inverse is half a sample late for s: it came out with
-/// a feedforward delay of .02 s at its edge, a lag of .69 s and χ² of 713.
+/// Gff = s, Gfb = 3 e^{−.2 s} around the sampled integrator, whose inverse is half a sample late for s: it came out
+/// with a feedforward delay of .02 s at its edge, a lag of .69 s and χ² of 713.
 #[test]
 fn a_feedforward_may_look_ahead_of_the_sampled_inverse() {
     let period = 1.0 / 60.0;

@@ -67,8 +67,8 @@ fn sampled(num: &[f64], den: &[f64], is_plant: bool) -> Law {
 }
 
 impl Person {
-    /// The plants of Zhang (2015), chapter 5, two of them with a zero in the right half plane; a person like the virtual
-    /// subjects: lead, lag and delay in the feedback, a feedforward between a plain gain and the inverse.
+    /// The plants of Zhang (2015), chapter 5, two of them with a zero in the right half plane; a person like the
+    /// virtual subjects: lead, lag and delay in the feedback, a feedforward between a plain gain and the inverse.
     fn draw(random: &mut Stream) -> Self {
         let mut uniform = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
         let (lead, size) = [(2.0, 1.0), (-2.0, 0.35), (-5.5, 0.2)][(uniform(0.0, 3.0) as usize).min(2)];

@@ -78,8 +78,9 @@ pub struct FrequencyResponseResult {
     /// the noise, null where it cannot be told.
     #[serde(default)]
     pub leakage: Vec<Option<f64>>,
-    /// Whether the error (variance and leakage) is at most a fifth of |h|, or of the median |h| where that is larger, and
-    /// the data tell the response from the transient; identification leaves other lines out where local polynomials found them.
+    /// Whether the error (variance and leakage) is at most a fifth of |h|, or of the median |h| where that is larger,
+    /// and the data tell the response from the transient; identification leaves other lines out where local polynomials
+    /// found them.
     #[serde(default)]
     pub usable: Vec<bool>,
     /// Whether transients were removed from h.

@@ -81,7 +81,8 @@ pub struct OptimalityResult {
     pub verdict: OptimalityVerdict,
     /// Why there is no verdict; null where there is one.
     pub reason: Option<String>,
-    /// ‖ΔK‖/‖K‖ up to the boundary as in `inverse_lqr`, dimensionless; null where there is no verdict, or no certificate.
+    /// ‖ΔK‖/‖K‖ up to the boundary as in `inverse_lqr`, dimensionless; null where there is no verdict, or no
+    /// certificate.
     pub relative_change: Option<f64>,
     /// c* as in `inverse_lqr`, dimensionless: the factor on the whole gain at which it becomes optimal; null where no
     /// factor helps, and with several controls.

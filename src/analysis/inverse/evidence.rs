@@ -49,8 +49,8 @@ pub struct EvidenceResult {
     /// How far the rounding of the data moves that number, in its unit.
     pub rounding: Option<f64>,
     /// N of the multiplier, in the shape of the gain and in the units of inputs times states: with X of
-    /// `A_cX + XA_cᵀ = BN + NᵀBᵀ` (in sampled time `X = A_cXA_cᵀ − BNA_cᵀ − A_cNᵀBᵀ`), `A_c = A − BK`, X is definite and
-    /// `⟨X, Q⟩ = −⟨R, KXKᵀ + NKᵀ + KNᵀ⟩ < 0` for all weights. Null for other evidence.
+    /// `A_cX + XA_cᵀ = BN + NᵀBᵀ` (in sampled time `X = A_cXA_cᵀ − BNA_cᵀ − A_cNᵀBᵀ`), `A_c = A − BK`, X is definite
+    /// and `⟨X, Q⟩ = −⟨R, KXKᵀ + NKᵀ + KNᵀ⟩ < 0` for all weights. Null for other evidence.
     pub multiplier: Option<Rows>,
     /// Ω of a coupling, antisymmetric, in products of the units of two inputs: with `M = KB` (in sampled time
     /// `K(A − BK)⁻¹B`) `ΩMᵀ − MΩ` is definite but for a share of 1e-6, and orthogonal to every R for which R·M is

@@ -113,15 +113,15 @@ pub struct InverseLqeResult {
     /// Whether that structure leaves states out of W. A feasible verdict then means noises that are definite on the
     /// others, which for the whole are on the boundary.
     pub within_pattern: bool,
-    /// The verdict without a structure, what it rests on, and by how much, with A, B and K those of the dual: Aᵀ, Cᵀ, Lᵀ.
-    /// Where that is infeasible every structure is.
+    /// The verdict without a structure, what it rests on, and by how much, with A, B and K those of the dual: Aᵀ, Cᵀ,
+    /// Lᵀ. Where that is infeasible every structure is.
     pub evidence: EvidenceResult,
     /// ‖ΔL‖/‖L‖ up to the boundary, dimensionless, in units in which plant and gain are of one size. With one output to
     /// first order (where infeasible a lower bound of it), with several a lower bound, up to which the certificate
     /// holds. Null without a certificate.
     pub relative_change: Option<f64>,
-    /// c*: the factor on the whole gain at which it becomes optimal, dimensionless; null where no factor helps, and with
-    /// several outputs.
+    /// c*: the factor on the whole gain at which it becomes optimal, dimensionless; null where no factor helps, and
+    /// with several outputs.
     pub c_star: Option<f64>,
     /// Whether the verdict carries no information: in sampled time with a singular A and one output every stable
     /// filter whose gain vanishes on the kernel of Aᵀ is optimal for some W.

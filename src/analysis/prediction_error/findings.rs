@@ -96,7 +96,8 @@ pub(super) fn of(result: &PredictionErrorResult, assembly: &Assembly<'_>, warnin
     warnings.push(Warning::new(
         "assumptions",
         "the person is taken as linear and time-invariant within a trial, to act on the error no sooner than the least \
-         delay, and its noise as a process with the poles of its controllers; how far the feedforward looks ahead is not \
+         delay, and its noise as a process with the poles of its controllers; how far the feedforward looks ahead is \
+         not \
          told",
     ));
 }

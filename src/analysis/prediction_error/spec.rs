@@ -54,7 +54,8 @@ pub struct PredictionErrorSpec {
     /// Default: the multiple nearest to 0.02 s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sample_time_s: Option<f64>,
-    /// The least and the largest delay of the feedback in seconds: every lag of the error between them is free. Default:
+    /// The least and the largest delay of the feedback in seconds: every lag of the error between them is free.
+    /// Default:
     /// 0.08 to 0.34 s. A shorter least delay lets the negative inverse of the plant pass for a feedback.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub feedback_delay_s: Option<[f64; 2]>,
@@ -79,8 +80,8 @@ pub struct PredictionErrorSpec {
     /// What all trials have in common; an empty list estimates each by itself. Default: feedback and noise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shared: Option<Vec<Shared>>,
-    /// The band of the norms in Hz. Default: from one over the record's length to where 99 % of the command's power lies
-    /// below.
+    /// The band of the norms in Hz. Default: from one over the record's length to where 99 % of the command's power
+    /// lies below.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub band_hz: Option<[f64; 2]>,
     /// How many first and last trials, in the order of the request, the change of the feedback is taken between; 0 for

@@ -131,7 +131,8 @@ impl NearOptimal {
             warnings.push(Warning::new(
                 "flat_optimum",
                 format!(
-                    "{which} within {:.0} % of the smallest cost, or within rounding of it, have {}: the data hardly tell \
+                    "{which} within {:.0} % of the smallest cost, or within rounding of it, have {}: the data hardly \
+                     tell \
                      them apart",
                     100.0 * self.within,
                     said.join(" and ")

@@ -102,7 +102,8 @@ impl Problem {
         let fraction = pool.fraction(coefficients, self.time);
         let (m, l) = (pool.controls(), pool.fed_back());
         let (lines, p) = (&self.lines.used, self.unknowns(m));
-        // With fewer measured outputs than controls a line has fewer equations than unknowns; the lines together decide.
+        // With fewer measured outputs than controls a line has fewer equations than unknowns; the lines together
+        // decide.
         let reached = lines.first().map_or(m, |line| line.root.nrows());
         let rows = 2 * reached * lines.len();
         let mut columns = vec![vec![0.0; rows]; p];

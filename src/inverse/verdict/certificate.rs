@@ -320,8 +320,8 @@ impl<'a> DualTest<'a> {
         Some(margin / (m * inputs))
     }
 
-    /// `Ω` for which `ΩMᵀ − MΩ` comes nearest to a wanted matrix, with `M = KB` (`K(A − BK)⁻¹B`), and the rows that take
-    /// it to a multiplier: `N = Ω·(A_c⁻¹B)ᵀ`, or `ΩBᵀ`.
+    /// `Ω` for which `ΩMᵀ − MΩ` comes nearest to a wanted matrix, with `M = KB` (`K(A − BK)⁻¹B`), and the rows that
+    /// take it to a multiplier: `N = Ω·(A_c⁻¹B)ᵀ`, or `ΩBᵀ`.
     fn antisymmetric(&self, wanted: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
         let m = self.core.ports();
         let shift = match self.core.clock {

@@ -78,8 +78,8 @@ pub enum Evidence {
         /// The frequencies that it is made of, in rad per unit of time (sampled: per sample).
         frequencies: Vec<f64>,
     },
-    /// An antisymmetric Ω for which `T = ΩMᵀ − MΩ` is definite, with `M = KB` (in sampled time `K(A − BK)⁻¹B`): since `R·M`
-    /// is symmetric for all weights, `⟨R, T⟩ = 0` for them.
+    /// An antisymmetric Ω for which `T = ΩMᵀ − MΩ` is definite, with `M = KB` (in sampled time `K(A − BK)⁻¹B`): since
+    /// `R·M` is symmetric for all weights, `⟨R, T⟩ = 0` for them.
     Coupling {
         /// Ω, m×m, in the units of the plant.
         omega: DMatrix<f64>,

@@ -3,9 +3,9 @@
 //! In states with `B = [B₁; 0]` the equality `BᵀP = RK` fixes the first m rows of P, and Q is affine in the block Y
 //! that is left: `Q = M₀(R) − HᵀYE − EᵀYH` with `E = [0 I]` and `H` the lower rows of A. In sampled time
 //! `Q = M₀(R) + EᵀYE − HᵀYH`, which takes the same form in coordinates where `E + H = [0 I]`: that is Cayley's
-//! transform `2s = (z − 1)/(z + 1)`. With `Φ = M₁₁`, `C = M₁₂`, `D = M₂₂` and `H = [A₂₁ A₂₂]` weights exist for R if and
-//! only if `FᵀY + YF + YGY − D + CᵀΦ⁻¹C ⪯ 0` has a solution, where `F = A₂₂ − A₂₁Φ⁻¹C` and `G = A₂₁Φ⁻¹A₂₁ᵀ`; that is
-//! where the frequency inequality `φ(s)ᴴ M₀ φ(s) ⪰ 0` with `φ(s) = [I; (s − A₂₂)⁻¹A₂₁]` holds on the whole axis.
+//! transform `2s = (z − 1)/(z + 1)`. With `Φ = M₁₁`, `C = M₁₂`, `D = M₂₂` and `H = [A₂₁ A₂₂]` weights exist for R if
+//! and only if `FᵀY + YF + YGY − D + CᵀΦ⁻¹C ⪯ 0` has a solution, where `F = A₂₂ − A₂₁Φ⁻¹C` and `G = A₂₁Φ⁻¹A₂₁ᵀ`; that
+//! is where the frequency inequality `φ(s)ᴴ M₀ φ(s) ⪰ 0` with `φ(s) = [I; (s − A₂₂)⁻¹A₂₁]` holds on the whole axis.
 
 use crate::control::lyapunov::Clock;
 use crate::control::riccati::Riccati;

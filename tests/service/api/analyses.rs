@@ -18,7 +18,7 @@ async fn an_analysis_is_queued_computed_and_reported() {
     assert_eq!(path, format!("/v1/analyses/{}", analysis["id"].as_str().unwrap()));
     assert_eq!((&analysis["kind"], &analysis["status"]), (&json!("frequency_response"), &json!("queued")));
     assert_eq!((&analysis["attempts"], &analysis["study"]), (&json!(0), &json!(lab.study)));
-    assert_eq!(analysis["progress"], json!({"done": 0, "total": 0, "eta_s": null}));
+    assert_eq!(analysis["progress"], json!({"fraction": 0.0, "phase": null, "done": 0, "total": 0, "eta_s": null}));
     assert_eq!(analysis["request"]["inputs"], json!({"trial": trial}));
     assert!(!analysis["request"]["spec"].as_object().unwrap().is_empty(), "defaults are filled in");
     assert!(analysis.get("problem").is_none());

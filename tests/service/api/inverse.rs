@@ -70,8 +70,8 @@ async fn malformed_matrices_are_named_with_their_sizes_and_the_reason() {
         (
             ask(&json!([[1, 0], [0, -1]]), &b, &k),
             json!({}),
-            "/inputs/b",
-            "(A, B) with A 2x2 and B 2x1 is not controllable: no input reaches the mode 1",
+            "/inputs/k",
+            "no input reaches the mode 1+0i, which does not decay",
         ),
         (
             ask(&a, &b, &k),

@@ -183,7 +183,8 @@ async fn identified_trials_make_curves_and_mean_controllers() {
     server.finish().await;
 }
 
-/// Prediction error of single trials and of all together as curves, with the interval of each point or why there is none.
+/// Prediction error of single trials and of all together as curves, with the interval of each point or why there is
+/// none.
 #[tokio::test]
 async fn curves_have_intervals_from_prediction_error() {
     let server = TestServer::start().await;
