@@ -23,6 +23,10 @@ const EXPLAINED: f64 = 0.8;
 const EXCHANGED: f64 = 0.95;
 const CLEARLY: f64 = 0.2;
 
+/// Where more than this is explained nothing is doubted. Less than all may still be exchanged columns: where a person
+/// tracks well, the command through the plant is nearly the output.
+const UNDOUBTED: f64 = 0.999;
+
 /// Sample times and durations, in seconds, outside of which no human motion is recorded: slower than 2 Hz a movement of
 /// a second is two samples, and no device samples people at 100 kHz.
 const SAMPLE_TIME_S: std::ops::RangeInclusive<f64> = 1e-5..=0.5;
