@@ -94,7 +94,7 @@ async fn malformed_matrices_are_named_with_their_sizes_and_the_reason() {
         ),
         (ask(&a, &json!([[0], [1e300]]), &k), json!({}), "/inputs/b", "B (2x1) has the entry 1e300 at row 1, column 0"),
         (ask(&a, &b, &json!([[5, -1e300]])), json!({}), "/inputs/k", "K (1x2) has the entry -1e300 at row 0, column 1"),
-        (ask(&a, &b, &json!([[0, 0]])), json!({}), "/inputs/k", "K (1x2) is zero"),
+        (ask(&a, &b, &json!([[0, 0]])), json!({}), "/inputs/k", "A − BK (2x2) is not stable"),
     ] {
         let request = json!({"kind": "inverse_lqr", "inputs": inputs, "spec": spec});
         let problem = server.post("/v1/analyses", &request).await.problem(422, "invalid");

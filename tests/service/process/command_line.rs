@@ -188,8 +188,9 @@ fn bad_input_exits_with_2_and_says_where() {
     stored["inputs"] = json!({"trial": "0190b3e0-0000-7000-8000-000000000001"});
     let mut field = example();
     field["spec"]["poool"] = json!(1);
-    let mut reversed = example();
-    reversed["inputs"]["frequency_response"]["omega_rad_s"][3] = json!(0.01);
+    let mut twins = example();
+    let lines = &mut twins["inputs"]["frequency_response"]["omega_rad_s"];
+    lines[3] = lines[2].clone();
     for (document, location) in [
         ("{".to_owned(), "line 1"),
         ("[]".to_owned(), "line 1"),
@@ -197,7 +198,7 @@ fn bad_input_exits_with_2_and_says_where() {
         (unknown.to_string(), "/kind"),
         (stored.to_string(), "/inputs"),
         (field.to_string(), "/spec"),
-        (reversed.to_string(), "/inputs/frequency_response"),
+        (twins.to_string(), "/inputs/frequency_response"),
     ] {
         let output = run(&document);
         let problem = problem(&output);
