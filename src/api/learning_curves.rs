@@ -37,7 +37,8 @@ impl FromQuery for GroupQuery {
 /// named and left out unless asked for.
 #[utoipa::path(get, path = "/v1/subjects/{subject}/learning-curves", tag = "learning",
     operation_id = "read_subject_learning_curves", params(SubjectPath, CurveQuery, IfNoneMatch),
-    responses((status = 200, description = "The curves.", body = SubjectLearningCurve)))]
+    responses((status = 200, description = "The curves.", body = SubjectLearningCurve),
+        (status = 422, description = "Only prediction_error has joint estimates.")))]
 pub(crate) async fn of_subject(
     State(state): State<AppState>,
     Id(id): Id<SubjectId>,
@@ -57,7 +58,8 @@ pub(crate) async fn of_subject(
 /// trimmed versions, and the scatter of error against distance from the inverse dynamics.
 #[utoipa::path(get, path = "/v1/studies/{study}/learning-curves", tag = "learning",
     operation_id = "read_study_learning_curves", params(StudyPath, GroupQuery, CurveQuery, IfNoneMatch),
-    responses((status = 200, description = "The curves.", body = StudyLearningCurves)))]
+    responses((status = 200, description = "The curves.", body = StudyLearningCurves),
+        (status = 422, description = "Only prediction_error has joint estimates.")))]
 pub(crate) async fn of_study(
     State(state): State<AppState>,
     Id(id): Id<StudyId>,

@@ -2,10 +2,7 @@
 #![allow(non_snake_case)]
 
 use crate::boundary_gains::{Member, of_output, open, rotation, touching, truth};
-use crate::exact;
 use nalgebra::DMatrix;
-use num_rational::BigRational;
-use num_traits::{One, Signed, Zero};
 use rand::RngExt;
 use serde_json::Value;
 use volition::control::lqg::lqr;
