@@ -71,7 +71,8 @@ impl FromQuery for ResponseQuery {
     responses((status = 200,
         description = "The responses; without frequencies where nothing is identified yet and none are asked for.",
         body = StudyFrequencyResponses),
-        (status = 422, description = "The frequencies asked for make no grid.")))]
+        (status = 422, description = "The frequencies asked for make no grid, or joint estimates are not of \
+            prediction_error.")))]
 pub(crate) async fn of_study(
     State(state): State<AppState>,
     Id(id): Id<StudyId>,

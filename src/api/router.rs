@@ -22,12 +22,10 @@ use utoipa_axum::routes;
     info(
         title = "Volition",
         description = "Identifies the control law behind recorded human motion: trials in, subsystem identification \
-                       and \
-            learning curves out.\n\nConventions: JSON in snake_case with units in names; transfer functions `{num, \
+            and learning curves out.\n\nConventions: JSON in snake_case with units in names; transfer functions `{num, \
             den, \
             sample_time_s}` in descending powers; complex numbers `[re, im]`; ids are UUIDs (version 7); times RFC \
-            3339 \
-            UTC; lists in pages by cursor; every problem is `application/problem+json` with a stable `code`, the place \
+            3339 UTC; lists in pages by cursor; every problem is `application/problem+json` with a stable `code`, the place \
             (`where`) and advice (`mend`)."
     ),
     tags(

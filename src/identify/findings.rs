@@ -60,8 +60,7 @@ pub(super) fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, positio
             "few_lines",
             format!(
                 "{} frequency lines; more than {wanted} are needed to make sure that no other controllers of these \
-                 degrees \
-                 have the same closed loop (Zhang 2015, assumption A2.3)",
+                 degrees have the same closed loop (Zhang 2015, assumption A2.3)",
                 found.lines.len()
             ),
         );

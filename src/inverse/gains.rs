@@ -171,8 +171,7 @@ pub enum GainsError {
     /// A mode that no input reaches (no output sees) does not decay, and holding against it costs for ever.
     #[error(
         "{miss} the mode {mode}, which does not decay, and {matrix} answers it with {cost:.1e} in the steady state: \
-         the \
-         cost is infinite"
+         the cost is infinite"
     )]
     EndlessCost {
         /// The letter of the gain.

@@ -144,8 +144,7 @@ fn mismatch(trial: &Trial, plant: &Model) -> Option<Doubt> {
         };
         let message = format!(
             "{names} look exchanged: through the plant they explain {:.1} % of each other in this order, and {:.1} % \
-             as \
-             they are named",
+             as they are named",
             100.0 * other,
             100.0 * own.max(0.0)
         );
@@ -159,8 +158,7 @@ fn mismatch(trial: &Trial, plant: &Model) -> Option<Doubt> {
         "output_not_from_control",
         format!(
             "{with} through the plant explain {:.1} % of y, from the best initial state: the plant, the units, a \
-             column \
-             or a delay of the recording is not what it is taken for",
+             column or a delay of the recording is not what it is taken for",
             100.0 * own.max(0.0)
         ),
     ))

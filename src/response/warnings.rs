@@ -153,8 +153,7 @@ impl Job<'_> {
         if !weak_lines.is_empty() {
             let message = format!(
                 "the {input} has less than {threshold} of the power of its strongest line at {}: what is estimated \
-                 there \
-                 is mostly noise and leakage",
+                 there is mostly noise and leakage",
                 hertz(&weak_lines)
             );
             warnings.push(EstimateWarning::new(code, message));

@@ -110,7 +110,9 @@ async fn cancelling_a_running_analysis_stops_it_within_a_heartbeat() {
     assert_eq!(bench.store.request_cancel(id).await.unwrap().status, Status::Running);
     assert_eq!(bench.finished(id).await.status, Status::Cancelled);
     assert!(asked.elapsed() < Duration::from_secs(1), "{:?}", asked.elapsed());
-    assert_eq!(worker.stop().await, Drained::default());
+    // It may still be on its way out.
+    let drained = worker.stop().await;
+    assert_eq!((drained.released, drained.abandoned), (0, 0));
     bench.assert_nothing_left().await;
 }
 
@@ -146,7 +148,9 @@ async fn a_computation_that_does_not_stop_holds_up_nobody() {
     assert_eq!(bench.finished(next).await.status, Status::Succeeded);
     // What it computed in the end changes nothing.
     go_on.send(()).unwrap();
-    assert_eq!(worker.stop().await, Drained::default());
+    // It may still be on its way out.
+    let drained = worker.stop().await;
+    assert_eq!((drained.released, drained.abandoned), (0, 0));
     assert_eq!(bench.store.analysis(deaf).await.unwrap().status, Status::Cancelled);
     bench.assert_nothing_left().await;
 }

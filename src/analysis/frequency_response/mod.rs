@@ -236,8 +236,7 @@ pub fn divergent_warning(trials: &[ResolvedTrial]) -> Option<Warning> {
     (!divergent.is_empty()).then(|| {
         let message = format!(
             "|y| passed the study's display limit in {}: the person lost the object, and no linear time-invariant law \
-             may \
-             describe that",
+             may describe that",
             divergent.join(", ")
         );
         Warning::new("divergent_trial", message)

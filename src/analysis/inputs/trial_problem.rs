@@ -149,8 +149,7 @@ fn trial_advice(error: &TrialError) -> &'static str {
         }
         TrialError::Time(_) => {
             "Resample the recording to equal steps, cut it at the defect, or, where the samples are equally spaced and \
-             only \
-             the column is wrong, leave the column out and give the sample time."
+             only the column is wrong, leave the column out and give the sample time."
         }
     }
 }

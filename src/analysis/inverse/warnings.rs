@@ -67,8 +67,7 @@ fn warn_of_plant(gains: &Gains, answer: &InverseLqr, doubts: &Doubts, warnings: 
             "free_modes",
             format!(
                 "{} modes decay by themselves and cannot be influenced: the {half}'s gain on them is free, and does \
-                 not \
-                 count for the verdict",
+                 not count for the verdict",
                 gains.decaying().len()
             ),
         ));
@@ -93,8 +92,7 @@ fn warn_of_plant(gains: &Gains, answer: &InverseLqr, doubts: &Doubts, warnings: 
             "gain_digits",
             format!(
                 "the {half}'s gain is {verdict} as it is written, to the last digit; within half a unit of those \
-                 digits \
-                 it is on the boundary. If they are rounded, say so with gain_rounding"
+                 digits it is on the boundary. If they are rounded, say so with gain_rounding"
             ),
         ));
     }

@@ -97,8 +97,7 @@ pub(super) fn of(result: &PredictionErrorResult, assembly: &Assembly<'_>, warnin
         "assumptions",
         "the person is taken as linear and time-invariant within a trial, to act on the error no sooner than the least \
          delay, and its noise as a process with the poles of its controllers; how far the feedforward looks ahead is \
-         not \
-         told",
+         not told",
     ));
 }
 

@@ -132,8 +132,7 @@ impl NearOptimal {
                 "flat_optimum",
                 format!(
                     "{which} within {:.0} % of the smallest cost, or within rounding of it, have {}: the data hardly \
-                     tell \
-                     them apart",
+                     tell them apart",
                     100.0 * self.within,
                     said.join(" and ")
                 ),

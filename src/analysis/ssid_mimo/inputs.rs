@@ -113,8 +113,7 @@ impl Part for SsidMimoInputs {
                 "plant" | "measured_outputs" | "fed_back_outputs" | "frequency_response" => {}
                 "trial" | "trials" => {
                     let detail = "recorded trials have one command, one control and one output; identification with \
-                                  several \
-                         inputs and outputs takes frequency data in the request";
+                         several inputs and outputs takes frequency data in the request";
                     return Err(wrong(detail, at).mend(
                         "Give frequency_response with a matrix for each line and the plant beside it, \
                          or ask for ssid, which identifies from trials.",

@@ -115,8 +115,7 @@ pub(super) fn findings(found: &Identified, plant: &Plant, settings: &Settings) -
             "ill_conditioned_coefficients",
             format!(
                 "the coefficients as written give the cost {:.6e} instead of {:.6e}: the feedforward is too high in \
-                 order \
-                 for its lines to be written in powers of 1/z",
+                 order for its lines to be written in powers of 1/z",
                 found.cost_of_coefficients, optimum.fit.cost
             ),
         );

@@ -105,7 +105,7 @@ async fn malformed_matrices_are_named_with_their_sizes_and_the_reason() {
     let c = json!([[1, 0]]);
     for (inputs, place, words) in [
         (json!({"a": a, "c": c, "l": [[1], [1]]}), "/inputs/l", "A − LC (2x2) is not stable"),
-        (json!({"a": [[1, 0], [0, -1]], "c": [[0, 1]], "l": [[4], [5]]}), "/inputs/c", "C 1x2 is not observable"),
+        (json!({"a": [[1, 0], [0, -1]], "c": [[0, 1]], "l": [[4], [5]]}), "/inputs/l", "no output sees the mode 1+0i"),
         (json!({"a": a, "c": c, "l": [[4], [1e300]]}), "/inputs/l", "L (2x1) has the entry 1e300 at row 1, column 0"),
     ] {
         let request = json!({"kind": "inverse_lqe", "inputs": inputs});

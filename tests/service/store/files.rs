@@ -358,6 +358,10 @@ async fn a_database_of_the_first_schema_is_brought_up_to_date() {
     let before = store.analysis(id).await.unwrap();
     store.close().await;
     for sql in [
+        "ALTER TABLE analyses DROP COLUMN fraction",
+        "ALTER TABLE analyses DROP COLUMN phase_to",
+        "ALTER TABLE analyses DROP COLUMN phase_from",
+        "ALTER TABLE analyses DROP COLUMN phase",
         "ALTER TABLE analyses DROP COLUMN incumbent",
         "ALTER TABLE analyses DROP COLUMN lower_bound",
         "ALTER TABLE analyses DROP COLUMN incumbent_index",
