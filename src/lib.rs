@@ -16,8 +16,8 @@
 //! - [`control`], [`convex`]: linear systems with their time base as a type, matrix equations, convex programs;
 //! - [`person`], [`plants`], [`simulate`]: models of people and plants, and simulated studies;
 //! - [`trial`], [`response`]: recordings, and frequency data from them;
-//! - [`identify`], [`two_stimulus`], [`prediction_error`], [`likelihood`], [`inverse`], [`excite`], [`learning`]: the
-//! mathematics of the kinds of analysis;
+//! - [`identify`], [`two_stimulus`], [`prediction_error`], [`likelihood`], [`inverse`], [`excite`], [`learning`]:
+//!   the mathematics of the kinds of analysis;
 //! - [`analysis`]: a request becomes a checked analysis, and that a [`Report`](analysis::Report);
 //! - [`jobs`], [`store`], [`worker`], [`api`]: analyses as durable jobs, kept in SQLite, computed by workers, asked
 //!   for over HTTP;

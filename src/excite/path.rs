@@ -217,7 +217,7 @@ impl SampledPlant {
         }
         let mut whole = samples.floor();
         let mut part = samples - whole;
-        if part < WHOLE || part > 1.0 - WHOLE {
+        if !(WHOLE..=1.0 - WHOLE).contains(&part) {
             (whole, part) = (samples.round(), 0.0);
         }
         let shifted = |num: &[f64], den: &[f64], by: usize| {

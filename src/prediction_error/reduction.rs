@@ -34,7 +34,7 @@ pub fn reduce(
     delays_s: &[f64],
 ) -> Option<Reduction> {
     let scale = omega_rad_s.iter().copied().fold(0.0, f64::max);
-    if omega_rad_s.len() * 2 < numerator + denominator + 2 || !(scale > 0.0) {
+    if omega_rad_s.len() * 2 < numerator + denominator + 2 || scale <= 0.0 {
         return None;
     }
     delays_s

@@ -6,10 +6,10 @@
 //!   parameters as degrees of freedom; and the score test `n R²` of the residuals' regression on their own past and all
 //!   columns of the form, chi-square with as many degrees of freedom as lags (Breusch, *Australian Economic Papers* 17,
 //!   1978; Godfrey, *Econometrica* 46, 1978). Beside lags of the control the first has little power: of people with a
-//! sum of two noises whose interval failed it saw 15 %, the second 97 %, at a size of 5 % (docs/limits.md).
+//!   sum of two noises whose interval failed it saw 15 %, the second 97 %, at a size of 5 % (docs/limits.md).
 //! - What further lags of the command, or of the error, would explain: the same score test on these lags (Ljung,
-//! *System Identification*, section 16.6, tests the correlations themselves, which for a slow command are nearly
-//! equal).
+//!   *System Identification*, section 16.6, tests the correlations themselves, which for a slow command are nearly
+//!   equal).
 
 use super::design::{Columns, Form};
 use super::estimate::{Estimate, RecordEstimate};

@@ -146,7 +146,8 @@ fn moves(result: &PredictionErrorResult, warnings: &mut Vec<Warning>) {
             .collect();
         crate::num::stats::mean(&widths?)
     };
-    let quantities: [(&str, fn(&super::result::ProfileEntry) -> Option<f64>, Option<f64>); 2] = [
+    type Norm = fn(&super::result::ProfileEntry) -> Option<f64>;
+    let quantities: [(&str, Norm, Option<f64>); 2] = [
         ("‖Gfb‖", |e| e.norm_feedback, half(&|m| m.norm_feedback.clone())),
         ("‖Gff G − 1‖", |e| e.norm_feedforward_plant_minus_one, half(&|m| m.norm_feedforward_plant_minus_one.clone())),
     ];

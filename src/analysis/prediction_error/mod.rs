@@ -166,7 +166,7 @@ fn failure(error: EstimateError, trials: &[ResolvedTrial]) -> Failure {
     let place = |record: &usize| trials.get(*record).map_or_else(|| "/inputs".to_owned(), |trial| trial.name.clone());
     let not_identifiable = |title: &str| Problem::new(Code::NotIdentifiable, title, error.to_string());
     let problem = match &error {
-        EstimateError::Stopped(stopped) => return Failure::Stopped(stopped.clone()),
+        EstimateError::Stopped(stopped) => return Failure::Stopped(*stopped),
         EstimateError::Lags(lags) => Problem::new(Code::Invalid, "unusable lags", lags.to_string()).at("/spec"),
         EstimateError::NoRecord => Problem::new(Code::Invalid, "no trial", error.to_string()).at("/inputs"),
         EstimateError::SampleTimes { record, .. } => {

@@ -164,6 +164,9 @@ impl Linearised<'_> {
     }
 }
 
+/// Steps of the unknowns and of the duals.
+type Step = (DVector<f64>, Vec<DMatrix<f64>>);
+
 /// One predictor-corrector step; `None` where rounding allows none.
 pub(super) fn advance(
     problem: &Problem,
@@ -173,7 +176,7 @@ pub(super) fn advance(
     dual_residual: &DVector<f64>,
     mu: f64,
     ctl: &Ctl,
-) -> Result<Option<(DVector<f64>, Vec<DMatrix<f64>>)>, Stopped> {
+) -> Result<Option<Step>, Stopped> {
     let blocks = &problem.blocks;
     let scaled: Option<Vec<Scaled>> =
         s.iter().zip(duals).map(|(s, x)| Scaled::new(s, &x.clone().cholesky()?)).collect();

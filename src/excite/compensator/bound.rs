@@ -270,7 +270,7 @@ impl Bounds {
             }
             let sum = [above[0] + below[0], above[1] + below[1]];
             let rounding = 1e-12 * above.iter().chain(&below).fold(0.0_f64, |most, v| most.max(v.abs()));
-            let is_even = side == 0 || (self.degree + poles) % 2 == 0;
+            let is_even = side == 0 || (self.degree + poles).is_multiple_of(2);
             let is_wrong = if is_even { sum[1] < -rounding } else { sum[0] > rounding };
             is_wrong && is_certain
         })
