@@ -48,7 +48,10 @@ fn the_lines_of_the_people_experiment_are_found() {
             assert_eq!(lines, set(name.chars().last().unwrap(), plant), "{file} {name}");
             assert!(found.frequency_hz.iter().all(|f| ((f / 0.05).round() * 0.05 - f).abs() < 1e-6));
             let codes: Vec<_> = found.warnings.iter().map(|warning| warning.code).collect();
-            assert_eq!(codes, ["few_averages"], "{file}: {:?}", found.warnings);
+            // What transients leave, and lines that they drown, are told of each recording.
+            assert!(codes.contains(&"few_averages"), "{file}: {:?}", found.warnings);
+            let told = ["leakage", "line_not_usable", "few_averages"];
+            assert!(codes.iter().all(|code| told.contains(code)), "{file}: {:?}", found.warnings);
             assert!(found.h.iter().all(|h| h.unwrap().is_finite()) && found.variance.iter().all(Option::is_some));
             estimated += 1;
         }
