@@ -133,7 +133,7 @@ fn print(name: &str, all: &[Outcome]) {
 /// Trials of `people` people of both groups, jointly or one by one.
 fn outside(people: u64, numbers: &[f64], joint: bool, remnant: Remnant, fixed: bool, first_seed: u64) -> Vec<Outcome> {
     let each = |seed: u64| -> Vec<Outcome> {
-        let group = if seed % 2 == 0 { Group::Gm } else { Group::Gn };
+        let group = if seed.is_multiple_of(2) { Group::Gm } else { Group::Gn };
         let mut person = Person::draw(group, seed);
         if fixed {
             person.gain_at_start = 0.0;
@@ -163,7 +163,7 @@ fn outside(people: u64, numbers: &[f64], joint: bool, remnant: Remnant, fixed: b
 /// People who are the form itself: estimates of virtual people, simulated anew.
 fn inside(people: u64, times: u64) -> Vec<Outcome> {
     let each = |seed: u64| -> Vec<Outcome> {
-        let group = if seed % 2 == 0 { Group::Gm } else { Group::Gn };
+        let group = if seed.is_multiple_of(2) { Group::Gm } else { Group::Gn };
         let (person, settings) = (Person::draw(group, seed), settings(group));
         let original = record(&person, 10.0, Remnant::Ar1, seed);
         let truth = estimate(std::slice::from_ref(&original), &settings, &Ctl::new()).unwrap();
