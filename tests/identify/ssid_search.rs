@@ -9,9 +9,9 @@ use serde_json::json;
 use volition::control::{Continuous, Discrete, System, TransferFunction};
 use volition::ctl::Ctl;
 use volition::identify::pool::{Degrees, Pool, PoolSpec};
-use volition::identify::problem::{Lines, Problem};
+use volition::identify::problem::{Lines, NEAR, Problem};
 use volition::identify::search::{
-    Clusters, Exhaustive, FactorTrees, FactoredSearch, MOST_NEAR, Method, NEAR, Optimum, Search, SensitivitySearch,
+    Clusters, Exhaustive, FactorTrees, FactoredSearch, MOST_NEAR, Method, Optimum, Search, SensitivitySearch,
 };
 use volition::num::{Polynomial, linalg};
 
