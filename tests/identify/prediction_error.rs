@@ -395,7 +395,7 @@ fn what_cannot_be_estimated_is_refused() {
     assert!(matches!(refused(std::slice::from_ref(&good), &eager), EstimateError::Lags(_)));
     let ctl = Ctl::new();
     ctl.stop(StopReason::Cancelled);
-    assert!(matches!(estimate(&[good.clone()], &how, &ctl), Err(EstimateError::Stopped(_))));
+    assert!(matches!(estimate(std::slice::from_ref(&good), &how, &ctl), Err(EstimateError::Stopped(_))));
     // A command of one sinusoid determines two columns of the feedforward.
     let command: Vec<f64> = (0..good.samples()).map(|i| (0.03 * i as f64).sin()).collect();
     let error = command.iter().zip(&good.output).map(|(r, y)| r - y).collect();
