@@ -234,9 +234,9 @@ fn wrong_generator() {
     assert_eq!((0..4).filter(|polynomial| of_26(*polynomial)).count(), 1);
 }
 
-/// The samples that a recorder takes of a sequence: late, with another clock, with samples left out. Between its samples
-/// the sequence goes straight on: held, a clock that drifts by less than a few samples cannot be told from one that
-/// loses them.
+/// The samples that a recorder takes of a sequence: late, with another clock, with samples left out. Between its
+/// samples the sequence goes straight on: held, a clock that drifts by less than a few samples cannot be told from one
+/// that loses them.
 fn recorded(sequence: &[f64], count: usize, delay: usize, rate: f64, lost: Option<(usize, usize)>) -> Vec<f64> {
     (0..count)
         .map(|k| {

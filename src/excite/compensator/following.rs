@@ -2,9 +2,9 @@
 //!
 //! The loop of plant and compensator is `x⁺ = A x + B r`, and whatever is limited is a row `c x + d r` (or, of power, a
 //! product of two). A sequence stands still between its chips: over a piece of constant r the row's values are
-//! `h_i x₀ + g_i r` with `h_i = c A^i` and `g_i = d + Σ_{j<i} c A^j B`, the same for every piece. With `[h g] = Q R` no value
-//! of a piece is larger than `max‖q_i‖ ‖R (x₀, r)‖`, and pieces that cannot hold the peak are left out. A reference
-//! without such pieces is followed sample by sample.
+//! `h_i x₀ + g_i r` with `h_i = c A^i` and `g_i = d + Σ_{j<i} c A^j B`, the same for every piece. With `[h g] = Q R` no
+//! value of a piece is larger than `max‖q_i‖ ‖R (x₀, r)‖`, and pieces that cannot hold the peak are left out. A
+//! reference without such pieces is followed sample by sample.
 
 use super::controller::{Compensator, Section};
 use crate::control::discretise::zero_order_hold_state_space;

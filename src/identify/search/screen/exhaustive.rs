@@ -16,7 +16,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// 1. Each block of the pool is screened: smallest approximate cost with its index, smallest lower bound.
 /// 2. The best candidate of the screening, by QR, is an upper bound of the smallest cost. Blocks with a smaller lower
 ///    bound are gone through again, and every candidate whose own bound is below is decided by QR.
-/// 3. Blocks with a lower bound within the share [`NEAR`] are gone through again to count the near-optimal candidates.
+/// 3. Blocks with a lower bound within the share [`NEAR`](crate::identify::problem::NEAR) are gone through again to
+/// count the near-optimal candidates.
 ///
 /// None of the steps depends on which thread does what.
 #[derive(Debug, Clone, Copy, Default)]
