@@ -17,7 +17,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// 2. The best candidate of the screening, by QR, is an upper bound of the smallest cost. Blocks with a smaller lower
 ///    bound are gone through again, and every candidate whose own bound is below is decided by QR.
 /// 3. Blocks with a lower bound within the share [`NEAR`](crate::identify::problem::NEAR) are gone through again to
-/// count the near-optimal candidates.
+///    count the near-optimal candidates.
 ///
 /// None of the steps depends on which thread does what.
 #[derive(Debug, Clone, Copy, Default)]
