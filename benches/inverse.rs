@@ -2,8 +2,8 @@
 //!
 //! `cargo bench --bench inverse` takes some seconds and asserts the targets of one core: n = 4, m = 4 in 2 ms, n = 16,
 //! m = 8 in 100 ms, n = 32, m = 8 in 2 s, each with a forward error of at most 1e-6, and the fit of Priess 2015, §3.4,
-//! to f ≤ 1.48 in 1 s. `-- --full` runs 10,000 optimal gains and 10,000 stabilising ones (about five minutes);
-//! `-- --smoke` asserts no times.
+//! to f ≤ 1.48 in 1 s. `-- --full` runs 10,000 optimal gains, 10,000 stabilising ones and 300 loops of up to 64 states
+//! with eight inputs (about five minutes), with other members for `--seed N`; `-- --smoke` asserts no times.
 #![allow(unreachable_pub, clippy::unwrap_used, clippy::print_stdout)]
 
 use nalgebra::DMatrix;
@@ -13,9 +13,14 @@ use volition::control::lqg::lqr;
 use volition::control::lyapunov::Clock;
 use volition::ctl::Ctl;
 use volition::inverse::fit::{FitSettings, fit};
+use volition::inverse::lqr::decision;
 use volition::inverse::{Gains, Settings, Verdict, inverse_lqr};
 use volition::num::rng;
 
+#[path = "../tests/support/boundary_gains.rs"]
+mod boundary_gains;
+#[path = "../tests/support/exact.rs"]
+mod exact;
 #[path = "../tests/support/inverse_plants.rs"]
 mod inverse_plants;
 
@@ -28,11 +33,16 @@ fn main() {
             println!("{line}");
         };
         let begin = Instant::now();
-        let optimal = inverse_plants::optimal(10_000, inverse_plants::SEED, &mut complain);
+        let seed = std::env::args()
+            .skip_while(|argument| argument != "--seed")
+            .nth(1)
+            .map_or(inverse_plants::SEED, |seed| seed.parse().expect("--seed takes a whole number"));
+        let optimal = inverse_plants::optimal(10_000, seed, &mut complain);
         println!("10,000 optimal gains: {optimal:?} in {:.0} s", begin.elapsed().as_secs_f64());
         // Two in five do not stabilise, and are skipped.
-        let single = inverse_plants::single_input(17_000, inverse_plants::SEED, &mut complain);
+        let single = inverse_plants::single_input(17_000, seed, &mut complain);
         println!("single-input gains against Kalman's inequality: {single:?}");
+        large(300, seed, &mut complain);
         assert_eq!(complaints, 0, "complaints above");
         let judged = single.feasible + single.boundary + single.infeasible;
         assert!(judged >= 10_000, "only {judged} of the gains stabilise");
@@ -43,6 +53,37 @@ fn main() {
     solve("n = 16, m = 8", 16, 8, 10, 0.1, strict);
     solve("n = 32, m = 8", 32, 8, 3, 2.0, strict);
     section_3_4(strict);
+}
+
+/// Loops of 16 to 64 states with eight inputs, every second one with a channel that is not optimal.
+fn large(count: usize, seed: u64, complain: &mut impl FnMut(String)) {
+    let mut stream = rng::stream(seed, "large loops");
+    let begin = Instant::now();
+    let (mut answered, mut refused, mut slowest) = (0, 0, 0.0_f64);
+    for round in 0..count {
+        let expected = if round % 2 == 0 { Verdict::Feasible } else { Verdict::Infeasible };
+        let Some(member) = boundary_gains::large(expected, &mut stream) else { continue };
+        let boundary_gains::Member { a, b, k, clock } = &member;
+        let Ok(gains) = Gains::regulator(a, b, k, *clock) else {
+            refused += 1;
+            continue;
+        };
+        let own = Instant::now();
+        let found = decision(&gains, &Ctl::new()).unwrap();
+        slowest = slowest.max(own.elapsed().as_secs_f64());
+        answered += 1;
+        if found.verdict != expected {
+            complain(format!(
+                "large loop {round} (n = {}, {clock:?}): {:?} for {expected:?}",
+                a.nrows(),
+                found.verdict
+            ));
+        }
+    }
+    let seconds = begin.elapsed().as_secs_f64();
+    println!(
+        "{answered} large loops in {seconds:.0} s, the slowest verdict in {slowest:.2} s; {refused} refused as unstable"
+    );
 }
 
 /// The median time of one question, over plants of this size.

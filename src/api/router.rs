@@ -23,11 +23,9 @@ use utoipa_axum::routes;
         title = "Volition",
         description = "Identifies the control law behind recorded human motion: trials in, subsystem identification \
             and learning curves out.\n\nConventions: JSON in snake_case with units in names; transfer functions `{num, \
-            den, \
-            sample_time_s}` in descending powers; complex numbers `[re, im]`; ids are UUIDs (version 7); times RFC \
-            3339 UTC; lists in pages by cursor; every problem is `application/problem+json` with a stable `code`, \
-            the place \
-            (`where`) and advice (`mend`)."
+            den, sample_time_s}` in descending powers; complex numbers `[re, im]`; ids are UUIDs (version 7); times \
+            RFC 3339 UTC; lists in pages by cursor; every problem is `application/problem+json` with a stable `code`, \
+            the place (`where`) and advice (`mend`)."
     ),
     tags(
         (name = "studies", description = "The frame of everything else."),

@@ -24,6 +24,7 @@ pub mod stochastic;
 pub mod structural;
 pub mod time_base;
 pub mod transfer_function;
+pub mod twins;
 
 pub use matrix_fraction::{LeftFraction, RightFraction};
 pub use model::{Model, ModelError, ModelShape, System};

@@ -84,9 +84,8 @@ pub(super) fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, positio
             "feedback_poorly_determined",
             format!(
                 "one response cannot tell two controllers apart but by their assumed degrees, and here it hardly does: \
-                 {numbers}. \
-                 Feedback and feedforward of much the same cost may differ a lot; a second stimulus at the plant's \
-                 input would separate them"
+                 {numbers}. Feedback and feedforward of much the same cost may differ a lot; a second stimulus at the \
+                 plant's input would separate them"
             ),
         );
     } else {
@@ -94,8 +93,7 @@ pub(super) fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, positio
             "feedback_from_structure",
             format!(
                 "feedback and feedforward are told apart only by their assumed degrees (Zhang 2015, example 2.1); \
-                 {numbers}. \
-                 They describe the modelled loop on the known plant, which is no proof about the person"
+                 {numbers}. They describe the modelled loop on the known plant, which is no proof about the person"
             ),
         );
     }
@@ -104,9 +102,8 @@ pub(super) fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, positio
         say(
             "near_optimal_candidates",
             format!(
-                "{near} candidates of the pool cost at most {:.0} % more than the best one, or cannot be told from \
-                 it by \
-                 rounding",
+                "{near} candidates of the pool cost at most {:.0} % more than the best one, or cannot be told from it \
+                 by rounding",
                 100.0 * NEAR
             ),
         );
@@ -124,8 +121,7 @@ pub(super) fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, positio
             "ill_conditioned_coefficients",
             format!(
                 "the coefficients as written give the cost {:.6e} instead of {:.6e}: the feedforward numerator is too \
-                 high in degree \
-                 for its lines to be written in powers of the variable",
+                 high in degree for its lines to be written in powers of the variable",
                 found.cost_of_coefficients, found.optimum.cost
             ),
         );

@@ -115,8 +115,7 @@ pub enum GainsError {
     /// An entry is not finite, or so large that products overflow.
     #[error(
         "{matrix} ({rows}x{columns}) has the entry {value:e} at row {row}, column {column} (counted from 0); \
-         magnitudes up to {LARGEST_ENTRY:e} are \
-         taken"
+         magnitudes up to {LARGEST_ENTRY:e} are taken"
     )]
     Entry {
         /// The letter.

@@ -7,7 +7,7 @@ use super::margin::{Margin, Units, margin};
 use super::proof::{self, Proof};
 use super::space::{Space, SpaceError};
 use super::structure::{QSign, Structure, StructureError};
-use super::verdict::{Decision, DecisionError, Verdict, decide};
+use super::verdict::{Decision, DecisionError, Verdict, decide, with_factor};
 use crate::control::lyapunov::LinearEquationError;
 use crate::convex::lmi::{LmiError, SolvedBy, Solver};
 use crate::ctl::{Ctl, Stopped};
@@ -174,7 +174,7 @@ impl From<SpaceError> for InverseError {
 pub fn inverse_lqr(gains: &Gains, settings: &Settings, ctl: &Ctl) -> Result<InverseLqr, InverseError> {
     settings.structure.check(gains.states(), gains.ports())?;
     ctl.check()?;
-    let decision = decide(gains, ctl)?;
+    let decision = with_factor(decide(gains, ctl)?, gains, ctl)?;
     let Some(targets) = &gains.reach.targets else { return answered(gains, decision, settings, ctl) };
     if settings.structure.q_pattern.is_some() {
         return Err(StructureError::Targets { order: gains.states() }.into());

@@ -6,8 +6,8 @@
 //! ```text
 //! x̂⁺ = A x̂ + B u + E w + L ε,   u = −K x̂,   y = C x̂ + D u + F w + ε,
 //! ```
-//! makes ε, the innovation, white where L is the filter of the true noise. Solved for ε the same equations predict y
-//! from its own past,
+//! makes ε, the innovation, white where L is the filter of the true noise and w is known to the person. Solved for ε the
+//! same equations predict y from its own past,
 //!
 //! ```text
 //! x̂⁺ = (A − BK − LC + LDK) x̂ + (E − LF) w + L y,   ŷ = (C − DK) x̂ + F w
@@ -16,6 +16,10 @@
 //! recorded too, its own past takes the place of −Kx̂ in the filter, `x̂⁺ = (A − LC) x̂ + (B − LD) u + (E − LF) w + L
 //! y`, and `û = −K x̂` is predicted beside y: this separates K from L, which the output alone may not (Priess 2015,
 //! §6.3).
+//!
+//! The control alone may be predicted so as well. That asks nothing of ε: it holds whatever noise the person expects
+//! and whatever moves the plant, since the person's filter is driven by what was recorded. Without being told w the
+//! person's filter is the same with E = 0 and F = 0.
 
 use super::model::{LoopModel, put};
 use super::starts;
@@ -34,8 +38,21 @@ pub struct Innovation<P> {
     pub plant: P,
     /// Whether the plant is in continuous time; its controls and inputs are then held between samples.
     pub continuous: bool,
-    /// Whether the control was recorded.
-    pub control: bool,
+    /// What is predicted.
+    pub predicted: Predicted,
+    /// Whether the person knows the plant's input w.
+    pub is_told: bool,
+}
+
+/// What a person's filter predicts, from the past of all that it names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Predicted {
+    /// The outputs, from the outputs.
+    Output,
+    /// The outputs and the control, from both.
+    OutputAndControl,
+    /// The control, from both.
+    Control,
 }
 
 /// The plant alone, of inputs `[u, w]`.
@@ -119,20 +136,23 @@ impl<P: PlantModel> Innovation<P> {
         // A − LC, B − LD, E − LF.
         let a = plus(open.a.clone(), -1.0, l, &open.c);
         let b = plus(b, -1.0, l, &d);
-        let e = plus(e, -1.0, l, &f);
         let zero = |rows, columns| DMatrix::from_element(rows, columns, S::from(0.0));
-        if self.control {
-            let mut c = zero(p + m, n);
-            c.rows_mut(0, p).copy_from(&open.c);
+        let (e, f) = if self.is_told { (plus(e, -1.0, l, &f), f) } else { (zero(n, q), zero(p, q)) };
+        if self.predicted != Predicted::Output {
+            // Outputs and inputs [w, y, u].
+            let outputs = if self.predicted == Predicted::Control { 0 } else { p };
+            let mut c = zero(outputs + m, n);
+            let mut through = zero(outputs + m, q + p + m);
+            if outputs > 0 {
+                c.rows_mut(0, p).copy_from(&open.c);
+                through.view_mut((0, 0), (p, q)).copy_from(&f);
+                through.view_mut((0, q + p), (p, m)).copy_from(&d);
+            }
             for i in 0..m {
                 for j in 0..n {
-                    c[(p + i, j)] = -k[(i, j)];
+                    c[(outputs + i, j)] = -k[(i, j)];
                 }
             }
-            // Inputs [w, y, u].
-            let mut through = zero(p + m, q + p + m);
-            through.view_mut((0, 0), (p, q)).copy_from(&f);
-            through.view_mut((0, q + p), (p, m)).copy_from(&d);
             let b = beside(&beside(&e, l), &b);
             return Matrices { a, b, c, d: through, initial: open.initial.clone() };
         }
@@ -236,6 +256,10 @@ impl<P: PlantModel> LoopModel for Innovation<P> {
 
     fn ports(&self) -> (usize, usize) {
         let [_, m, q, p] = self.plant.sizes();
-        if self.control { (q + p + m, p + m) } else { (q + p, p) }
+        match self.predicted {
+            Predicted::Output => (q + p, p),
+            Predicted::OutputAndControl => (q + p + m, p + m),
+            Predicted::Control => (q + p + m, m),
+        }
     }
 }

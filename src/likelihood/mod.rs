@@ -26,6 +26,6 @@ pub mod uncertainty;
 
 pub use estimate::{Estimate, FitError, Settings, fit};
 pub use experiment::{Experiment, ExperimentError, Record};
-pub use innovation::Innovation;
+pub use innovation::{Innovation, Predicted};
 pub use model::LoopModel;
 pub use noise::Noise;

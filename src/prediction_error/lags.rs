@@ -44,9 +44,8 @@ pub struct Sharing {
 pub enum LagsError {
     /// The regressors are collinear, or nearly so.
     #[error(
-        "{autoregressive} lags of the control reach beyond the least lag of the error, {least}: since the plant \
-         makes y \
-         of u, lags of both are then nearly collinear, and the negative inverse of the plant passes for a feedback"
+        "{autoregressive} lags of the control reach beyond the least lag of the error, {least}: since the plant makes \
+         y of u, lags of both are then nearly collinear, and the negative inverse of the plant passes for a feedback"
     )]
     InverseOfThePlant {
         /// Lags of the control.

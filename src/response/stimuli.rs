@@ -326,8 +326,7 @@ fn warnings(trials: &[&Trial], pieces: &[Piece], frequency_hz: &[f64]) -> Vec<Es
         if rough > 0 {
             let message = format!(
                 "the {name} is not periodic with {rough} of {} segments: transients leak into all lines, and the \
-                 responses are biased \
-                 even without noise",
+                 responses are biased even without noise",
                 pieces.len()
             );
             warnings.push(EstimateWarning::new("leakage", message));

@@ -1,7 +1,10 @@
 //! Verdicts of optimality: the cases of the reference, and every class of gain with fresh members.
 #![allow(non_snake_case)]
 
-use crate::boundary_gains::{Member, of_output, open, rotation, touching, truth};
+use crate::boundary_gains::{
+    Member, clock_of, definite, large, mixed, of_output, open, optimal_of_several, random, second_order, stabilising,
+    touching, truth,
+};
 use nalgebra::DMatrix;
 use rand::RngExt;
 use serde_json::Value;
@@ -9,7 +12,7 @@ use volition::control::lqg::lqr;
 use volition::control::lyapunov::Clock;
 use volition::ctl::Ctl;
 use volition::inverse::lqr::decision;
-use volition::inverse::{Decision, Evidence, Gains, GainsError, Knowledge, Verdict};
+use volition::inverse::{Decision, Evidence, Gains, GainsError, Knowledge, Settings, Verdict, inverse_lqr};
 use volition::num::linalg::eigenvalues;
 use volition::num::rng::{self, Stream};
 
@@ -19,19 +22,6 @@ pub(crate) const SEED: u64 = 20_261_130;
 pub(crate) fn mat(value: &Value) -> DMatrix<f64> {
     let rows: Vec<Vec<f64>> = serde_json::from_value(value.clone()).unwrap();
     DMatrix::from_fn(rows.len(), rows[0].len(), |i, j| rows[i][j])
-}
-
-pub(crate) fn random(rows: usize, columns: usize, stream: &mut Stream) -> DMatrix<f64> {
-    DMatrix::from_fn(rows, columns, |_, _| stream.random_range(-1.0..1.0))
-}
-
-fn definite(n: usize, least: f64, stream: &mut Stream) -> DMatrix<f64> {
-    let root = random(n, n, stream);
-    &root * root.transpose() + DMatrix::identity(n, n) * least
-}
-
-fn clock_of(stream: &mut Stream) -> Clock {
-    if stream.random::<bool>() { Clock::Continuous } else { Clock::Sampled }
 }
 
 /// Every second member is asked as a filter.
@@ -46,14 +36,18 @@ fn decided(member: &Member, round: usize) -> Result<Decision, GainsError> {
 }
 
 /// Draws members until there are enough, and compares with what each must be.
-fn class(name: &str, mut draw: impl FnMut(&mut Stream) -> Option<(Member, Verdict)>) {
+fn class(name: &str, draw: impl FnMut(&mut Stream) -> Option<(Member, Verdict)>) {
+    members(name, MEMBERS, draw);
+}
+
+fn members(name: &str, count: usize, mut draw: impl FnMut(&mut Stream) -> Option<(Member, Verdict)>) {
     let mut stream = rng::stream(SEED, name);
     let mut counts = [0; 3];
     let mut largest: f64 = 0.0;
     let mut round = 0;
-    while counts.iter().sum::<usize>() < MEMBERS {
+    while counts.iter().sum::<usize>() < count {
         round += 1;
-        assert!(round < 8 * MEMBERS, "{name}: {counts:?}");
+        assert!(round < 8 * count, "{name}: {counts:?}");
         let Some((member, expected)) = draw(&mut stream) else { continue };
         let found = match decided(&member, round) {
             Ok(found) => found,
@@ -69,15 +63,6 @@ fn class(name: &str, mut draw: impl FnMut(&mut Stream) -> Option<(Member, Verdic
         }
     }
     eprintln!("{name}: feasible, infeasible, boundary {counts:?}; largest ratio on the boundary {largest:.3}");
-}
-
-fn second_order(a: [f64; 2], k: [f64; 2]) -> Member {
-    Member {
-        a: DMatrix::from_row_slice(2, 2, &[0.0, 1.0, a[0], a[1]]),
-        b: DMatrix::from_row_slice(2, 1, &[0.0, 1.0]),
-        k: DMatrix::from_row_slice(1, 2, &k),
-        clock: Clock::Continuous,
-    }
 }
 
 #[test]
@@ -204,17 +189,6 @@ fn optimal_gains_in_any_units() {
     });
 }
 
-pub(crate) fn stabilising(stream: &mut Stream) -> Option<Member> {
-    let n = stream.random_range(2..=6);
-    let clock = clock_of(stream);
-    let (a, b) = (random(n, n, stream), random(n, 1, stream));
-    let near = lqr(&a, &b, &DMatrix::identity(n, n), &DMatrix::identity(1, 1), clock).ok()?.k;
-    let size = near.norm() * stream.random_range(0.0..0.8);
-    let k = &near + random(1, n, stream) * size;
-    let poles = eigenvalues(&(&a - &b * &k)).unwrap();
-    poles.iter().all(|pole| clock.margin(*pole) > 1e-6).then_some(Member { a, b, k, clock })
-}
-
 #[test]
 fn random_stabilising_gains_against_rational_arithmetic() {
     class("stabilising", |stream| {
@@ -309,13 +283,6 @@ fn loops_that_are_stable_only_within_rounding_are_refused() {
     }
 }
 
-pub(crate) fn optimal_of_several(n: usize, m: usize, stream: &mut Stream) -> Option<Member> {
-    let clock = clock_of(stream);
-    let (a, b) = (random(n, n, stream), random(n, m, stream));
-    let k = lqr(&a, &b, &definite(n, 0.1, stream), &definite(m, 0.1, stream), clock).ok()?.k;
-    Some(Member { a, b, k, clock })
-}
-
 #[test]
 fn optimal_gains_of_several_inputs() {
     class("several inputs", |stream| {
@@ -323,40 +290,6 @@ fn optimal_gains_of_several_inputs() {
         let m = stream.random_range(2..=n.min(4));
         Some((optimal_of_several(n, m, stream)?, Verdict::Feasible))
     });
-}
-
-/// Channels side by side, mixed by rotations of states and inputs: as good as the worst.
-fn mixed(worst: Verdict, stream: &mut Stream) -> Option<Member> {
-    let channels = stream.random_range(2..=3usize);
-    let which = stream.random_range(0..channels);
-    let mut parts = Vec::new();
-    for channel in 0..channels {
-        let member = if channel != which {
-            let a = stream.random_range(0.2..2.0_f64);
-            let (q, d) = (stream.random_range(0.5..5.0_f64), stream.random_range(0.5..4.0_f64));
-            let k1 = a + a.hypot(q.sqrt());
-            second_order([a, 0.0], [k1, (2.0 * k1 + d).sqrt()])
-        } else {
-            let a = stream.random_range(0.2..2.0_f64);
-            // k₁ = 2a is the boundary; below it no weight on the position is negative enough.
-            let share = match worst {
-                Verdict::Boundary => 2.0,
-                _ => stream.random_range(1.1..1.9),
-            };
-            second_order([a, 0.0], [share * a, (8.0 * a + stream.random_range(0.5..4.0)).sqrt()])
-        };
-        parts.push(member);
-    }
-    let (n, m) = (2 * channels, channels);
-    let (mut a, mut b, mut k) = (DMatrix::zeros(n, n), DMatrix::zeros(n, m), DMatrix::zeros(m, n));
-    for (i, part) in parts.iter().enumerate() {
-        a.view_mut((2 * i, 2 * i), (2, 2)).copy_from(&part.a);
-        b.view_mut((2 * i, i), (2, 1)).copy_from(&part.b);
-        k.view_mut((i, 2 * i), (1, 2)).copy_from(&part.k);
-    }
-    let turn = rotation(m, stream);
-    let whole = Member { a, b: b * turn.transpose(), k: turn * k, clock: Clock::Continuous };
-    Some(whole.rotated(stream))
 }
 
 #[test]
@@ -381,6 +314,14 @@ fn equal_and_complex_eigenvalues_of_the_gain_times_the_input() {
     assert_ne!(ask(&[3.0, 1e-17, -1e-17, 3.0], Clock::Continuous).verdict, Verdict::Infeasible);
     assert_eq!(ask(&[3.0, 0.0, 0.0, 1.5], Clock::Continuous).verdict, Verdict::Infeasible);
     assert_eq!(ask(&[3.0, 0.0, 0.0, 2.0], Clock::Continuous).verdict, Verdict::Boundary);
+}
+
+/// Up to 64 states and eight inputs; `cargo bench --bench inverse -- --full` asks 300 of them.
+#[test]
+fn large_loops_of_several_inputs() {
+    for expected in [Verdict::Feasible, Verdict::Infeasible] {
+        members("large loops", 12, |stream| Some((large(expected, stream)?, expected)));
+    }
 }
 
 #[test]
@@ -432,4 +373,38 @@ fn the_factor_of_the_whole_gain_is_where_it_becomes_optimal() {
         }
         checked += 1;
     }
+}
+
+/// With several inputs c* is certified on both sides: verdicts a little above and below it differ.
+#[test]
+fn the_factor_of_several_inputs_lies_between_two_certificates() {
+    let mut stream = rng::stream(SEED, "factor of several inputs");
+    let (mut checked, mut infeasible) = (0, 0);
+    for _ in 0..60 {
+        let n = stream.random_range(2..=5usize);
+        let m = stream.random_range(2..=n.min(3));
+        let clock = if stream.random::<bool>() { Clock::Continuous } else { Clock::Sampled };
+        let mut draw = |rows, columns| DMatrix::from_fn(rows, columns, |_, _| stream.random_range(-1.0..1.0));
+        let (a, b, q, r) = (draw(n, n), draw(n, m), draw(n, n), draw(m, m));
+        let definite = |m: &DMatrix<f64>| m * m.transpose() + DMatrix::identity(m.nrows(), m.nrows()) * 0.1;
+        let Ok(solution) = lqr(&a, &b, &definite(&q), &definite(&r), clock) else { continue };
+        let ask = |c: f64| {
+            let gains = Gains::regulator(&a, &b, &(&solution.k * c), clock).ok()?;
+            inverse_lqr(&gains, &Settings::default(), &Ctl::new()).ok()
+        };
+        let Some(factor) = ask(1.0).unwrap().decision.factor else { continue };
+        assert!(factor <= 1.0, "an optimal gain has its factor below 1: {factor}");
+        // The loop of half the gain may be unstable: then there is no question.
+        for (share, expected) in [(1.01, Verdict::Feasible), (0.99, Verdict::Infeasible)] {
+            let Some(answer) = ask(factor * share) else { continue };
+            assert_eq!(answer.decision.verdict, expected, "{share} {factor}: {:?}", answer.decision);
+            infeasible += usize::from(expected == Verdict::Infeasible);
+            // Found from there too, and the same.
+            let again = answer.decision.factor.unwrap() * factor * share;
+            assert!((again / factor - 1.0).abs() < 3e-3, "{again} {factor}");
+        }
+        checked += 1;
+    }
+    println!("{checked} factors, {infeasible} with a stable loop below");
+    assert!(checked >= 20 && infeasible >= 5, "{checked} {infeasible}");
 }

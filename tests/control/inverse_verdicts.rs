@@ -62,7 +62,7 @@ fn margins_and_verdicts_are_those_of_forty_digits() {
 #[test]
 fn the_units_of_the_states_decide_nothing() {
     let mut stream = rng::stream(31, "units of the states");
-    let (mut asked, mut lost) = (0, 0);
+    let mut asked = 0;
     for round in 0..150 {
         let n = stream.random_range(1..=8usize);
         let m = stream.random_range(1..=n);
@@ -79,18 +79,12 @@ fn the_units_of_the_states_decide_nothing() {
         let b = DMatrix::from_fn(n, m, |i, j| b[(i, j)] * unit[i]);
         let k = DMatrix::from_fn(m, n, |i, j| solution.k[(i, j)] / unit[j]);
         let answer = ask(&Gains::regulator(&a, &b, &k, clock).unwrap(), Structure::default());
-        // Cheap control in sampled time, with almost as many inputs as states: R is lost in R + BᵀPB to so many digits
-        // that no certificate outlives the rounding (docs/limits.md). It is a boundary, and never the other side.
-        if answer.verdict == Verdict::Boundary && clock == Clock::Sampled && m + 1 >= n {
-            lost += 1;
-            continue;
-        }
         assert_eq!(answer.verdict, Verdict::Feasible, "{round}: n = {n}, m = {m}, {clock:?}, {:?}", answer.decision);
         let error = answer.weights.unwrap().proof.forward_error;
         assert!(error <= 1e-6, "{round}: {error:e}");
         asked += 1;
     }
-    assert!(asked > 140 && lost <= 1, "{asked} {lost}");
+    assert!(asked > 140, "{asked}");
 }
 
 fn without_rates() -> Structure {

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use rand::RngExt;
 use volition::control::lqg::{kalman, lqr};
 use volition::control::lyapunov::Clock;
-use volition::likelihood::{Experiment, Innovation, LoopModel, Record, residuals};
+use volition::likelihood::{Experiment, Innovation, LoopModel, Predicted, Record, residuals};
 use volition::num::rng::{self, Stream};
 use volition::person::state_feedback::AffinePlant;
 
@@ -50,7 +50,7 @@ fn beside(parts: &[&DMatrix<f64>]) -> DMatrix<f64> {
 fn gain_and_filter_come_from_the_output_alone() {
     let mut stream = rng::stream(8, "innovation");
     let (plant, k, l, [push, y, _]) = controlled(4000, &mut stream);
-    let model = Innovation { plant, continuous: false, control: false };
+    let model = Innovation { plant, continuous: false, predicted: Predicted::Output, is_told: true };
     let record = Record { stimulus: beside(&[&push, &y]), target: y, initial: None };
     let experiment = Experiment::new(&model, time(0.1), vec![record], true).unwrap();
     let (estimate, uncertainty) = estimated(&experiment, &settings(&model));
@@ -70,8 +70,8 @@ fn a_recorded_control_tells_gain_from_filter() {
     let mut stream = rng::stream(9, "innovation with control");
     let (plant, k, l, [push, y, u]) = controlled(4000, &mut stream);
     let truth = [k, l].concat();
-    let alone = Innovation { plant: plant.clone(), continuous: false, control: false };
-    let both = Innovation { plant, continuous: false, control: true };
+    let alone = Innovation { plant: plant.clone(), continuous: false, predicted: Predicted::Output, is_told: true };
+    let both = Innovation { plant, continuous: false, predicted: Predicted::OutputAndControl, is_told: true };
     let record = Record { stimulus: beside(&[&push, &y, &u]), target: beside(&[&y, &u]), initial: None };
     let experiment = Experiment::new(&both, time(0.1), vec![record], true).unwrap();
     let (estimate, uncertainty) = estimated(&experiment, &settings(&both));
@@ -92,9 +92,11 @@ fn sensitivities_of_the_predictor_are_exact() {
     let mut stream = rng::stream(10, "predictor");
     let (plant, k, l, [push, y, u]) = controlled(60, &mut stream);
     let theta = [k, l].concat();
-    for control in [false, true] {
-        let model = Innovation { plant: plant.clone(), continuous: true, control };
-        let stimulus = if control { beside(&[&push, &y, &u]) } else { beside(&[&push, &y]) };
+    let all = [Predicted::Output, Predicted::OutputAndControl, Predicted::Control];
+    for (predicted, is_told) in all.into_iter().flat_map(|predicted| [(predicted, true), (predicted, false)]) {
+        let model = Innovation { plant: plant.clone(), continuous: true, predicted, is_told };
+        let alone = predicted == Predicted::Output;
+        let stimulus = if alone { beside(&[&push, &y]) } else { beside(&[&push, &y, &u]) };
         // As a continuous plant the numbers mean another one; its derivatives are as good.
         let exact = model.sampled(&theta, time(0.1), true).unwrap().respond(&stimulus).unwrap();
         for i in 0..theta.len() {
@@ -108,7 +110,7 @@ fn sensitivities_of_the_predictor_are_exact() {
                 + (at(3.0 * h) - at(-3.0 * h)))
                 / (60.0 * h);
             let error = (&quotient - &exact.slopes[i]).norm() / exact.slopes[i].norm();
-            assert!(error < 1e-8, "{control} {i}: {error:.1e}");
+            assert!(error < 1e-8, "{predicted:?} {is_told} {i}: {error:.1e}");
         }
     }
 }

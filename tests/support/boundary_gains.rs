@@ -9,6 +9,7 @@ use rand::{Rng, RngExt};
 use volition::control::lqg::lqr;
 use volition::control::lyapunov::Clock;
 use volition::inverse::Verdict;
+use volition::num::linalg::eigenvalues;
 
 /// A plant and a gain of one input.
 pub struct Member {
@@ -186,6 +187,118 @@ impl Member {
         let q = rotation(self.a.nrows(), stream);
         Self { a: q.tr_mul(&(&self.a * &q)), b: q.tr_mul(&self.b), k: &self.k * &q, clock: self.clock }
     }
+}
+
+pub fn random(rows: usize, columns: usize, stream: &mut impl Rng) -> DMatrix<f64> {
+    DMatrix::from_fn(rows, columns, |_, _| stream.random_range(-1.0..1.0))
+}
+
+pub fn definite(n: usize, least: f64, stream: &mut impl Rng) -> DMatrix<f64> {
+    let root = random(n, n, stream);
+    &root * root.transpose() + DMatrix::identity(n, n) * least
+}
+
+pub fn clock_of(stream: &mut impl Rng) -> Clock {
+    if stream.random::<bool>() { Clock::Continuous } else { Clock::Sampled }
+}
+
+pub fn second_order(a: [f64; 2], k: [f64; 2]) -> Member {
+    Member {
+        a: DMatrix::from_row_slice(2, 2, &[0.0, 1.0, a[0], a[1]]),
+        b: DMatrix::from_row_slice(2, 1, &[0.0, 1.0]),
+        k: DMatrix::from_row_slice(1, 2, &k),
+        clock: Clock::Continuous,
+    }
+}
+
+pub fn stabilising(stream: &mut impl Rng) -> Option<Member> {
+    let n = stream.random_range(2..=6);
+    let clock = clock_of(stream);
+    let (a, b) = (random(n, n, stream), random(n, 1, stream));
+    let near = lqr(&a, &b, &DMatrix::identity(n, n), &DMatrix::identity(1, 1), clock).ok()?.k;
+    let size = near.norm() * stream.random_range(0.0..0.8);
+    let k = &near + random(1, n, stream) * size;
+    let poles = eigenvalues(&(&a - &b * &k)).unwrap();
+    poles.iter().all(|pole| clock.margin(*pole) > 1e-6).then_some(Member { a, b, k, clock })
+}
+
+pub fn optimal_of_several(n: usize, m: usize, stream: &mut impl Rng) -> Option<Member> {
+    let clock = clock_of(stream);
+    let (a, b) = (random(n, n, stream), random(n, m, stream));
+    let k = lqr(&a, &b, &definite(n, 0.1, stream), &definite(m, 0.1, stream), clock).ok()?.k;
+    Some(Member { a, b, k, clock })
+}
+
+/// Channels side by side, mixed by rotations of states and inputs: as good as the worst.
+pub fn mixed(worst: Verdict, stream: &mut impl Rng) -> Option<Member> {
+    let channels = stream.random_range(2..=3usize);
+    let which = stream.random_range(0..channels);
+    let mut parts = Vec::new();
+    for channel in 0..channels {
+        let member = if channel != which {
+            let a = stream.random_range(0.2..2.0_f64);
+            let (q, d) = (stream.random_range(0.5..5.0_f64), stream.random_range(0.5..4.0_f64));
+            let k1 = a + a.hypot(q.sqrt());
+            second_order([a, 0.0], [k1, (2.0 * k1 + d).sqrt()])
+        } else {
+            let a = stream.random_range(0.2..2.0_f64);
+            // k₁ = 2a is the boundary; below it no weight on the position is negative enough.
+            let share = match worst {
+                Verdict::Boundary => 2.0,
+                _ => stream.random_range(1.1..1.9),
+            };
+            second_order([a, 0.0], [share * a, (8.0 * a + stream.random_range(0.5..4.0)).sqrt()])
+        };
+        parts.push(member);
+    }
+    let (n, m) = (2 * channels, channels);
+    let (mut a, mut b, mut k) = (DMatrix::zeros(n, n), DMatrix::zeros(n, m), DMatrix::zeros(m, n));
+    for (i, part) in parts.iter().enumerate() {
+        a.view_mut((2 * i, 2 * i), (2, 2)).copy_from(&part.a);
+        b.view_mut((2 * i, i), (2, 1)).copy_from(&part.b);
+        k.view_mut((i, 2 * i), (1, 2)).copy_from(&part.k);
+    }
+    let turn = rotation(m, stream);
+    let whole = Member { a, b: b * turn.transpose(), k: turn * k, clock: Clock::Continuous };
+    Some(whole.rotated(stream))
+}
+
+/// A loop of 16 to 64 states with eight inputs, mixed by rotations: eight channels of which all are optimal, or one is
+/// not, by rational arithmetic.
+pub fn large(worst: Verdict, stream: &mut impl Rng) -> Option<Member> {
+    let channels = 8;
+    let which = stream.random_range(0..channels);
+    let clock = clock_of(stream);
+    let mut parts: Vec<Member> = Vec::new();
+    for channel in 0..channels {
+        loop {
+            let n = stream.random_range(2..=8usize);
+            let (a, b) = (random(n, n, stream), random(n, 1, stream));
+            let r = DMatrix::from_element(1, 1, 1.0);
+            let Some(k) = lqr(&a, &b, &definite(n, 0.1, stream), &r, clock).ok().map(|found| found.k) else { continue };
+            if worst == Verdict::Feasible || channel != which {
+                parts.push(Member { a, b, k, clock });
+                break;
+            }
+            let Some(member) = stabilising(stream) else { continue };
+            if member.clock == clock && truth(&member) == Verdict::Infeasible {
+                parts.push(member);
+                break;
+            }
+        }
+    }
+    let n: usize = parts.iter().map(|part| part.a.nrows()).sum();
+    let (mut a, mut b, mut k) = (DMatrix::zeros(n, n), DMatrix::zeros(n, channels), DMatrix::zeros(channels, n));
+    let mut at = 0;
+    for (i, part) in parts.iter().enumerate() {
+        let size = part.a.nrows();
+        a.view_mut((at, at), (size, size)).copy_from(&part.a);
+        b.view_mut((at, i), (size, 1)).copy_from(&part.b);
+        k.view_mut((i, at), (1, size)).copy_from(&part.k);
+        at += size;
+    }
+    let turn = rotation(channels, stream);
+    Some(Member { a, b: b * turn.transpose(), k: turn * k, clock }.rotated(stream))
 }
 
 /// The verdict on the doubles as they stand, in rational arithmetic: Kalman's polynomial and Sturm's chain.

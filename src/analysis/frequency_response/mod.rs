@@ -182,10 +182,9 @@ impl Analysis for Plan {
     const KIND: Kind = Kind::named("frequency_response");
     const TITLE: &'static str = "Frequency response";
     const SUMMARY: &'static str = "The closed loop's frequency response from the command (or the disturbance) to the \
-                                   output (or the \
-        control), from the segments of one trial or of several, at the lines where the stimulus carries power, with \
-        the variance and \
-        the coherence of each line (Zhang 2015, sections 3.5.1 and 5.6.1).";
+                                   output (or the control), from the segments of one trial or of several, at the lines \
+                                   where the stimulus carries power, with the variance and the coherence of each line \
+                                   (Zhang 2015, sections 3.5.1 and 5.6.1).";
     const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
 

@@ -1,11 +1,11 @@
 //! What is written of an estimate.
 
-use super::assembly::Loop;
+use super::assembly::{Filter, Loop};
 use super::known_plant::PlantSource;
 use super::optimality;
 use super::result::{
     BoundSide, FitConvergenceResult, FittedOutputResult, FittedParameterResult, GainFitResult,
-    GainIdentifiabilityResult, InverseInputsResult, InverseLqgInputsResult,
+    GainIdentifiabilityResult, InverseInputsResult, InverseLqgInputsResult, TwinResult,
 };
 use super::spec::GainFitSpec;
 use super::trajectory::Observed;
@@ -13,9 +13,10 @@ use crate::analysis::contract::Failure;
 use crate::analysis::inputs::matrix::rows;
 use crate::analysis::problem::{Code, Problem};
 use crate::control::lyapunov::Clock;
+use crate::control::twins::{self, Twin, TwinsError};
 use crate::ctl::Ctl;
 use crate::likelihood::uncertainty::Uncertainty;
-use crate::likelihood::{Estimate, Experiment, FitError, Record, Settings, residuals};
+use crate::likelihood::{Estimate, Experiment, FitError, Predicted, Record, Settings, residuals};
 use crate::num::linalg;
 use crate::person::state_feedback::PlantModel;
 use nalgebra::{DMatrix, DVector};
@@ -54,14 +55,15 @@ pub(super) fn no_fit(error: &FitError) -> Failure {
 }
 
 impl Found<'_> {
-    /// The result, with the question of optimality answered; progress counts its draws.
+    /// The result, with the question of optimality answered, and why there are no twins where there may be some;
+    /// progress counts its draws.
     ///
     /// # Errors
     /// [`Failure::Stopped`] when `ctl` says so, [`Failure::Problem`] where the plant is not defined at the estimate.
-    pub(super) fn result(&self, ctl: &Ctl) -> Result<GainFitResult, Failure> {
+    pub(super) fn result(&self, ctl: &Ctl) -> Result<(GainFitResult, Option<TwinsError>), Failure> {
         let Self { spec, source, assembled, settings, experiment, estimate, uncertainty } = *self;
         let [n, m, _, p] = assembled.sizes;
-        let both = assembled.both;
+        let both = assembled.both();
         let names = assembled.model.names();
         let theta = &estimate.theta;
         let (gains, filters) = (m * n, if both { n * p } else { 0 });
@@ -111,6 +113,7 @@ impl Found<'_> {
             .into_iter()
             .enumerate()
             .map(|(i, white)| FittedOutputResult {
+                signal: signal(assembled, i),
                 noise_sd: estimate.covariance[(i, i)].max(0.0).sqrt(),
                 fit_percent: white.fit_percent,
                 lag_one_correlation: white.lag_one,
@@ -165,7 +168,13 @@ impl Found<'_> {
                 state_names: source.state_names(n),
             }
         };
-        Ok(GainFitResult {
+        let found = self.twins(theta, [&a, &b, &k]);
+        let (twins, no_twins) = match found {
+            None => (None, None),
+            Some(Ok(twins)) => (Some(twins), None),
+            Some(Err(error)) => (None, Some(error)),
+        };
+        let result = GainFitResult {
             k: rows(&k),
             k_covariance: gain_covariance.as_ref().map(rows),
             l: l.clone(),
@@ -208,9 +217,39 @@ impl Found<'_> {
                 input_units,
             },
             inverse_lqg_inputs: assembled.sample_time_s.filter(|_| both).map(&whole),
+            twins,
             optimality,
-        })
+        };
+        Ok((result, no_twins))
     }
+
+    /// The twins of K and L, where the fit cannot tell them apart.
+    fn twins(&self, theta: &[f64], [a, b, k]: [&DMatrix<f64>; 3]) -> Option<Result<Vec<TwinResult>, TwinsError>> {
+        self.assembled.filter.filter(Filter::is_ambiguous)?;
+        let [n, m, _, p] = self.assembled.sizes;
+        let l = DMatrix::from_row_slice(n, p, &theta[m * n..m * n + n * p]);
+        let of_plant = &theta[m * n + n * p..];
+        let c = self.assembled.plant.plant::<f64>(&of_plant[..self.assembled.plant.names().len()]).c;
+        let found = twins::twins([a, b, &c], k, &l);
+        Some(found.map(|twins| twins.iter().map(twin).collect()))
+    }
+}
+
+fn twin(twin: &Twin) -> TwinResult {
+    TwinResult {
+        k: rows(&twin.k),
+        l: rows(&twin.l),
+        regulator_poles: twin.regulator_poles.iter().map(|pole| [pole.re, pole.im]).collect(),
+    }
+}
+
+/// What is predicted in this place.
+fn signal(assembled: &Loop, at: usize) -> String {
+    let outputs = match assembled.filter {
+        Some(filter) if filter.predicted == Predicted::Control => 0,
+        _ => assembled.sizes[3],
+    };
+    if at < outputs { format!("output {}", at + 1) } else { format!("control {}", at - outputs + 1) }
 }
 
 /// A combination of parameters in words.

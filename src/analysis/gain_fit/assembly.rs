@@ -2,11 +2,11 @@
 
 use super::known_plant::{KnownPlant, PlantSource};
 use super::signals::Signals;
-use super::spec::{GainFitSpec, GainFitWanted, InitialState};
+use super::spec::{DisturbanceKnowledge, GainFitSpec, GainFitWanted, InitialState, PerceivedNoise};
 use crate::analysis::problem::{Code, Problem};
 use crate::analysis::reading::{wrong_inputs as wrong_input, wrong_spec};
 use crate::control::{Continuous, Discrete, StateSpace, discretise};
-use crate::likelihood::{Experiment, ExperimentError, Innovation, LoopModel, Record, Settings};
+use crate::likelihood::{Experiment, ExperimentError, Innovation, LoopModel, Predicted, Record, Settings};
 use crate::person::state_feedback::{PlantModel, StateFeedback, Timing};
 use nalgebra::{DMatrix, DVector};
 
@@ -23,8 +23,24 @@ pub(super) struct Loop {
     pub sample_time_s: Option<f64>,
     pub time: Discrete,
     pub is_continuous: bool,
-    /// Whether K and L are estimated.
-    pub both: bool,
+    /// Where K and L are estimated: what their filter predicts.
+    pub filter: Option<Filter>,
+}
+
+/// How K and L are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Filter {
+    pub predicted: Predicted,
+    /// Whether the person knows the plant's input; false also where the plant has none.
+    pub is_told: bool,
+}
+
+impl Filter {
+    /// Whether other gains make the same controller and nothing recorded tells them apart: K and L are seen through it
+    /// alone.
+    pub(super) fn is_ambiguous(&self) -> bool {
+        self.predicted == Predicted::Control && !self.is_told
+    }
 }
 
 impl Loop {
@@ -86,8 +102,9 @@ impl Loop {
         let timing = |seconds: Option<f64>, usual: f64| seconds.map_or(Timing::Free(usual), Timing::Known);
         let delay = spec.delay.as_ref().map(|d| (d.order, timing(d.seconds, 0.05)));
         let lag = spec.muscle_lag.as_ref().map(|l| timing(l.seconds, 0.1));
-        let model: Box<dyn LoopModel> = if both {
-            Box::new(Innovation { plant: plant.clone(), continuous: is_continuous, control: has_control })
+        let filter = if both { Some(filter(&plant, spec, has_control)?) } else { None };
+        let model: Box<dyn LoopModel> = if let Some(Filter { predicted, is_told }) = filter {
+            Box::new(Innovation { plant: plant.clone(), continuous: is_continuous, predicted, is_told })
         } else if is_continuous {
             Box::new(StateFeedback { plant: plant.clone(), time: Continuous, delay, lag })
         } else {
@@ -117,7 +134,7 @@ impl Loop {
             .mend("Rename the parameter."));
         }
         let sample_time_s = if both || !is_continuous { Some(period) } else { None };
-        Ok(Self { plant, model, sizes: [n, m, q, p], sample_time_s, time, is_continuous, both })
+        Ok(Self { plant, model, sizes: [n, m, q, p], sample_time_s, time, is_continuous, filter })
     }
 
     /// How it is fitted.
@@ -154,11 +171,11 @@ impl Loop {
         place: &dyn Fn(usize) -> String,
     ) -> Result<Experiment<'_>, Problem> {
         let wanted = initial_state(spec, signals, place)?;
-        let both = spec.estimate == GainFitWanted::GainAndFilter;
+        let predicted = self.filter.map(|filter| filter.predicted);
         let records = signals
             .iter()
             .map(|s| {
-                let control = s.control.as_ref().filter(|_| both);
+                let control = s.control.as_ref().filter(|_| predicted.is_some());
                 let beside = |first: &DMatrix<f64>, others: &[Option<&DMatrix<f64>>]| {
                     others.iter().flatten().fold(first.clone(), |all, next| {
                         let columns: Vec<_> =
@@ -166,11 +183,18 @@ impl Loop {
                         DMatrix::from_columns(&columns)
                     })
                 };
-                let stimulus = if both { beside(&s.input, &[Some(&s.output), control]) } else { s.input.clone() };
+                let stimulus = match predicted {
+                    Some(_) => beside(&s.input, &[Some(&s.output), control]),
+                    None => s.input.clone(),
+                };
+                let target = match (predicted, control) {
+                    (Some(Predicted::Control), Some(control)) => control.clone(),
+                    _ => beside(&s.output, &[control]),
+                };
                 let initial = s.initial_state.as_ref().filter(|_| wanted == InitialState::Given);
                 Record {
                     stimulus,
-                    target: beside(&s.output, &[control]),
+                    target,
                     initial: initial.map(|state| {
                         // The states of delay and lag start at rest.
                         let total = state.len() + self.path_states(spec);
@@ -189,10 +213,15 @@ impl Loop {
         self.sizes[1] * each
     }
 
+    /// Whether K and L are estimated.
+    pub(super) fn both(&self) -> bool {
+        self.filter.is_some()
+    }
+
     /// A, B and K at θ, in the time base of K; `None` where the plant is not defined.
     pub(super) fn at(&self, theta: &[f64]) -> Option<(DMatrix<f64>, DMatrix<f64>, DMatrix<f64>)> {
         let [n, m, _, p] = self.sizes;
-        let first = m * n + if self.both { n * p } else { 0 };
+        let first = m * n + if self.both() { n * p } else { 0 };
         let of_plant = theta.get(first..first + self.plant.names().len())?;
         let within = of_plant.iter().zip(self.plant.limits()).all(|(v, [low, high])| (low..=high).contains(v));
         if !within {
@@ -200,7 +229,7 @@ impl Loop {
         }
         let plant = self.plant.plant::<f64>(of_plant);
         let k = DMatrix::from_row_slice(m, n, &theta[..m * n]);
-        if !(self.both && self.is_continuous) {
+        if !(self.both() && self.is_continuous) {
             return Some((plant.a, plant.b, k));
         }
         // K belongs to the samples.
@@ -209,6 +238,51 @@ impl Loop {
         let sampled = discretise::zero_order_hold_state_space(&model, self.time).ok()?;
         Some((sampled.a().clone(), sampled.b().clone(), k))
     }
+}
+
+/// What K and L are found from.
+///
+/// # Errors
+/// A [`Problem`] where the signals cannot tell them under what the spec assumes.
+fn filter(plant: &KnownPlant, spec: &GainFitSpec, has_control: bool) -> Result<Filter, Problem> {
+    let nominal = plant.plant::<f64>(&plant.nominal());
+    let has_input = nominal.e.iter().chain(nominal.f.iter()).any(|v| *v != 0.0);
+    let is_told = spec.disturbance == DisturbanceKnowledge::KnownToPerson && has_input;
+    let suits = spec.perceived_noise == PerceivedNoise::True;
+    let refused =
+        |detail: &str, mend: &str| Err(wrong_spec(detail.to_owned(), "/spec/perceived_noise").mend(mend.to_owned()));
+    if !suits && !has_control {
+        return refused(
+            "outputs alone do not tell the gain from the filter of a person whose noise is not known: several pairs \
+             explain them equally well, with gains that differ by factors",
+            "Record the control. Or assume that the person's filter suits the true noise and knows the input: \
+             {\"perceived_noise\": \"true\", \"disturbance\": \"known_to_person\"}.",
+        );
+    }
+    if suits && has_input && !is_told {
+        return refused(
+            "the innovations of a person who does not know the plant's input are not white, whatever noise the filter \
+             is made for",
+            "Record the control and take {\"perceived_noise\": \"free\"}, or say that the person knows the input: \
+             {\"disturbance\": \"known_to_person\"}.",
+        );
+    }
+    let predicted = match (suits, has_control) {
+        (false, _) => Predicted::Control,
+        (true, true) => Predicted::OutputAndControl,
+        (true, false) => Predicted::Output,
+    };
+    if predicted == Predicted::Control && !plant.names().is_empty() {
+        return Err(wrong_spec(
+            format!(
+                "from the control alone {} would be what the person takes the plant for, and not the plant's own",
+                plant.names().join(", ")
+            ),
+            "/spec/free",
+        )
+        .mend("Hold the plant: {\"free\": []}. Fit its parameters apart, from the outputs and the control."));
+    }
+    Ok(Filter { predicted, is_told })
 }
 
 /// What the trials start from.

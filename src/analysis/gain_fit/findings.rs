@@ -1,17 +1,30 @@
 //! What a scientist must read beside a fit.
 
+use super::assembly::Filter;
 use super::result::{BoundSide, GainFitResult};
-use super::spec::{GainFitSpec, GainFitWanted};
+use super::spec::GainFitSpec;
 use crate::analysis::report::Warning;
-use crate::likelihood::Noise;
+use crate::control::twins::TwinsError;
+use crate::likelihood::{Noise, Predicted};
 
 /// A condition number of the information above this deserves a warning.
 const NEARLY_SINGULAR: f64 = 1e6;
 /// Whiteness is doubted below this probability.
 const DOUBTFUL: f64 = 1e-3;
 
-/// What must be read before using the result; `is_exact` where the model explains the outputs down to rounding.
-pub(super) fn warnings(spec: &GainFitSpec, result: &GainFitResult, is_exact: bool, noise: &Noise) -> Vec<Warning> {
+/// What else is known of a fit.
+pub(super) struct Fit<'a> {
+    /// Whether the model explains the predicted signals down to rounding.
+    pub is_exact: bool,
+    pub noise: &'a Noise,
+    pub filter: Option<Filter>,
+    /// Why the twins of the gains were not found.
+    pub no_twins: Option<TwinsError>,
+}
+
+/// What must be read before using the result.
+pub(super) fn warnings(spec: &GainFitSpec, result: &GainFitResult, fit: &Fit<'_>) -> Vec<Warning> {
+    let Fit { is_exact, noise, filter, no_twins } = fit;
     let mut warnings = Vec::new();
     let mut warn = |code: &str, message: String| warnings.push(Warning::new(code, message));
     let convergence = &result.convergence;
@@ -31,7 +44,7 @@ pub(super) fn warnings(spec: &GainFitSpec, result: &GainFitResult, is_exact: boo
             ),
         );
     }
-    if is_exact {
+    if *is_exact {
         warn("no_noise", "The model explains the outputs down to rounding; standard errors mean little.".to_owned());
     }
     let known = &result.identifiability;
@@ -66,35 +79,45 @@ pub(super) fn warnings(spec: &GainFitSpec, result: &GainFitResult, is_exact: boo
             ),
         );
     }
-    if !is_exact {
-        for (i, output) in result.outputs.iter().enumerate().filter(|(_, o)| o.whiteness_p < DOUBTFUL) {
+    if !*is_exact {
+        for output in result.outputs.iter().filter(|o| o.whiteness_p < DOUBTFUL) {
             warn(
                 "coloured_residuals",
                 format!(
-                    "The residuals of output {} are no white noise (neighbours correlate by {:.2}): something else \
-                     moves the person, and the intervals are too narrow.",
-                    i + 1,
-                    output.lag_one_correlation
+                    "The residuals of {} are no white noise (neighbours correlate by {:.2}): something else moves the \
+                     person, and the intervals are too narrow.",
+                    output.signal, output.lag_one_correlation
                 ),
             );
         }
     }
-    if spec.estimate == GainFitWanted::GainAndFilter {
-        let condition = known.condition_number.map_or("infinite".to_owned(), |c| format!("{c:.1e}"));
-        warn(
-            "gain_and_filter",
-            format!(
-                "K and L are hard to tell apart from outputs (Priess 2015, section 6.3): L is that of a person whose \
-                 filter suits the true noise, and the condition number of the information is {condition}. Record the \
-                 control, or disturb the loop in several places, to separate them."
-            ),
-        );
-        if !matches!(noise, Noise::Known(_)) && result.outputs.iter().any(|o| o.whiteness_p < DOUBTFUL) {
+    match filter {
+        None => {}
+        Some(Filter { predicted: Predicted::Control, .. }) => {
+            twins(result, no_twins.as_ref(), &mut warn);
+        }
+        Some(Filter { predicted, .. }) => {
+            let condition = known.condition_number.map_or("infinite".to_owned(), |c| format!("{c:.1e}"));
+            let mend = match predicted {
+                Predicted::Output => "Record the control, or disturb the loop in several places, to separate them.",
+                _ => "Take {\"perceived_noise\": \"free\"} to find them from the control without this assumption.",
+            };
             warn(
-                "filter_does_not_suit",
-                "The innovations are not white: the person's filter does not suit the noise, or the model is wrong."
-                    .to_owned(),
+                "gain_and_filter",
+                format!(
+                    "K and L are hard to tell apart from outputs (Priess 2015, section 6.3): they are those of a person \
+                     whose filter suits the true noise, as the spec assumes, and the condition number of the \
+                     information is {condition}. {mend}"
+                ),
             );
+            if !matches!(noise, Noise::Known(_)) && result.outputs.iter().any(|o| o.whiteness_p < DOUBTFUL) {
+                warn(
+                    "filter_does_not_suit",
+                    "The innovations are not white: the person's filter does not suit the noise, or the model is \
+                     wrong, and K and L may be wrong by factors. Take {\"perceived_noise\": \"free\"}."
+                        .to_owned(),
+                );
+            }
         }
     }
     let Some(optimality) = &result.optimality else { return warnings };
@@ -131,4 +154,27 @@ pub(super) fn warnings(spec: &GainFitSpec, result: &GainFitResult, is_exact: boo
         );
     }
     warnings
+}
+
+/// Pairs of gains that the records cannot tell apart.
+fn twins(result: &GainFitResult, missing: Option<&TwinsError>, warn: &mut impl FnMut(&str, String)) {
+    let until = "Only a person who is told the input, or whose filter is known, tells them apart.";
+    if let Some(error) = missing {
+        warn(
+            "twins_not_looked_for",
+            format!("Other pairs of K and L may make the same controller, and were not looked for: {error}. {until}"),
+        );
+    }
+    let Some(others) = result.twins.as_ref().filter(|twins| !twins.is_empty()) else { return };
+    let size = |k: &[Vec<f64>]| k.iter().flatten().map(|v| v * v).sum::<f64>().sqrt();
+    let sizes = others.iter().map(|twin| size(&twin.k)).chain([size(&result.k)]);
+    let (low, high) = sizes.fold((f64::INFINITY, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
+    warn(
+        "twins",
+        format!(
+            "{} other pairs of K and L make exactly the same controller; their gains have norms from {low:.4} to \
+             {high:.4}. None of them is the answer alone: read `twins`. {until}",
+            others.len()
+        ),
+    );
 }

@@ -43,12 +43,13 @@ pub use optimality::{NearestOptimal, OptimalityResult, OptimalityVerdict, Weight
 pub use plant::{GainFitPlant, MatrixPlant, NamedPlant, PlantParameter};
 pub use result::{
     BoundSide, FitConvergenceResult, FittedOutputResult, FittedParameterResult, GainFitResult,
-    GainIdentifiabilityResult, InverseInputsResult, InverseLqgInputsResult,
+    GainIdentifiabilityResult, InverseInputsResult, InverseLqgInputsResult, TwinResult,
 };
 pub use sampled_signal::SampledSignal;
 use signals::{Signals, of_library, of_request};
 pub use spec::{
-    GainFitSpec, GainFitWanted, InitialState, NoiseName, NoiseSpec, OptimalitySpec, PersonDelaySpec, PersonLagSpec,
+    DisturbanceKnowledge, GainFitSpec, GainFitWanted, InitialState, NoiseName, NoiseSpec, OptimalitySpec,
+    PerceivedNoise, PersonDelaySpec, PersonLagSpec,
 };
 use std::borrow::Cow;
 
@@ -68,7 +69,7 @@ impl Analysis for Plan {
         and of the person's delay and muscle, from one noisy trial or several by maximum likelihood, with intervals \
         and a test of the residuals; if wanted the gain of the person's filter too. It then says how surely the gain \
         is optimal for a quadratic cost, and for which (Priess 2015, sections 3.5, 5.2 and 6.3).";
-    const RESULT_VERSION: u32 = 2;
+    const RESULT_VERSION: u32 = 3;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = GainFitInputs;
@@ -129,8 +130,10 @@ impl Analysis for Plan {
             uncertainty: &uncertainty,
         };
         ctl.enter(Phase::Verification, draws_share);
-        let result = found.result(ctl)?;
-        let warnings = findings::warnings(spec, &result, estimate.is_exact, &settings.noise);
+        let (result, no_twins) = found.result(ctl)?;
+        let fit =
+            findings::Fit { is_exact: estimate.is_exact, noise: &settings.noise, filter: assembled.filter, no_twins };
+        let warnings = findings::warnings(spec, &result, &fit);
         Ok(Outcome::new(result, warnings))
     }
 }

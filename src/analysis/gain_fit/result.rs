@@ -61,11 +61,13 @@ pub struct FitConvergenceResult {
     pub rounds: usize,
 }
 
-/// An output, and how well it is explained.
+/// A predicted signal, and how well it is explained.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(rename = "GainFitOutput")]
 pub struct FittedOutputResult {
-    /// Standard deviation of the noise, in the unit of the output.
+    /// Which one, such as `output 1` or `control 1`.
+    pub signal: String,
+    /// Standard deviation of the noise, in the unit of the signal.
     pub noise_sd: f64,
     /// `100 (1 − ‖y − ŷ‖/‖y − ȳ‖)`, in percent; of predictions one sample ahead where the filter is estimated too.
     pub fit_percent: f64,
@@ -88,6 +90,18 @@ pub struct GainIdentifiabilityResult {
     pub condition_number: Option<f64>,
     /// The worst combination in those units, such as `0.71 k1 − 0.70 k3`.
     pub weakest_combination: String,
+}
+
+/// Another pair of gains that makes the same controller.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "GainFitTwin")]
+pub struct TwinResult {
+    /// K, m×n, in the unit of the control per unit of the state.
+    pub k: Vec<Vec<f64>>,
+    /// L, n×p, in the unit of the state per unit of the output.
+    pub l: Vec<Vec<f64>>,
+    /// Eigenvalues of A − BK in sampled time, as `[re, im]`; the others of the loop are those of A − LC.
+    pub regulator_poles: Vec<[f64; 2]>,
 }
 
 /// What `inverse_lqr` takes, at the estimate.
@@ -152,8 +166,8 @@ pub struct GainFitResult {
     pub parameters: Vec<FittedParameterResult>,
     /// Their covariance in that order, in products of their units; null where the data do not determine all of them.
     pub covariance: Option<Vec<Vec<f64>>>,
-    /// Covariance of the noise (of the innovations where the filter is estimated too), p×p, in products of the units of
-    /// the outputs.
+    /// Covariance of the noise (of the prediction errors where the filter is estimated too) of the predicted signals, in
+    /// products of their units.
     pub noise_covariance: Vec<Vec<f64>>,
     /// Natural logarithm of the likelihood's density, for outputs in their units.
     pub log_likelihood: f64,
@@ -163,7 +177,7 @@ pub struct GainFitResult {
     pub degrees_of_freedom: f64,
     /// What shows that the search has arrived.
     pub convergence: FitConvergenceResult,
-    /// Each output, in the order of the columns.
+    /// Each predicted signal, in the order of the columns: outputs, then controls.
     pub outputs: Vec<FittedOutputResult>,
     /// What the data determine worst.
     pub identifiability: GainIdentifiabilityResult,
@@ -175,6 +189,10 @@ pub struct GainFitResult {
     pub inverse_lqr_inputs: InverseInputsResult,
     /// The question that `inverse_lqg` takes as its inputs; null where the filter is not estimated.
     pub inverse_lqg_inputs: Option<InverseLqgInputsResult>,
+    /// Other pairs of K and L that make the same controller, and that no record tells from the ones given; null where
+    /// the person's filter knows the input or suits the true noise, so that there are none, or where they were not
+    /// looked for (a warning says why).
+    pub twins: Option<Vec<TwinResult>>,
     /// Whether the gains are optimal for a cost, how surely, and for which; null where that was not asked.
     pub optimality: Option<OptimalityResult>,
 }

@@ -29,6 +29,28 @@ pub enum GainFitWanted {
     GainAndFilter,
 }
 
+/// What the person knows of the plant's input w.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(rename = "GainFitDisturbance")]
+pub enum DisturbanceKnowledge {
+    /// Nothing: w moves the plant, and the person's filter sees it in the outputs alone.
+    UnknownToPerson,
+    /// All of it at all times: the filter takes w as the plant does.
+    KnownToPerson,
+}
+
+/// What noise the person's filter is made for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(rename = "GainFitPerceivedNoise")]
+pub enum PerceivedNoise {
+    /// Any: nothing is assumed. K and L are found from the control, which must be recorded.
+    Free,
+    /// The true one: the filter's innovations are white. An assumption that outputs alone cannot test well.
+    True,
+}
+
 /// What is known of the covariance of the noise.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
@@ -137,6 +159,10 @@ impl OptimalitySpec {
 pub struct GainFitSpec {
     /// `gain` (default) or `gain_and_filter`.
     pub estimate: GainFitWanted,
+    /// What the person knows of the plant's input w; for `gain_and_filter`. Default: `unknown_to_person`.
+    pub disturbance: DisturbanceKnowledge,
+    /// What noise the person's filter is made for; for `gain_and_filter`. Default: `free`.
+    pub perceived_noise: PerceivedNoise,
     /// A delay in the person. Default: none.
     pub delay: Option<PersonDelaySpec>,
     /// A lag in the person. Default: none.
@@ -171,6 +197,8 @@ impl Default for GainFitSpec {
     fn default() -> Self {
         Self {
             estimate: GainFitWanted::Gain,
+            disturbance: DisturbanceKnowledge::UnknownToPerson,
+            perceived_noise: PerceivedNoise::Free,
             delay: None,
             muscle_lag: None,
             free: None,

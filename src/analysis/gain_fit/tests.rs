@@ -333,7 +333,8 @@ fn gain_and_filter_lead_to_the_whole_inverse_problem() {
         "kind": "gain_fit",
         "inputs": {"plant": {"a": [[1, 0.1], [0.15, 1.02]], "b": [[0.005], [0.1]], "c": [[1, 0]], "sample_time_s": 0.1},
                    "trial": {"sample_time_s": 0.1, "input": push, "output": output, "control": control}},
-        "spec": {"estimate": "gain_and_filter", "draws": 30, "climbs": 3, "optimality": {"draws": 0}}
+        "spec": {"estimate": "gain_and_filter", "disturbance": "known_to_person", "perceived_noise": "true",
+                 "draws": 30, "climbs": 3, "optimality": {"draws": 0}}
     });
     let report = parse(&value).unwrap().run(&Library::default(), &Ctl::new()).unwrap();
     let result = &report.result;
@@ -354,4 +355,48 @@ fn gain_and_filter_lead_to_the_whole_inverse_problem() {
     };
     let whole = Plan::parse(&request).unwrap().run(&Library::default(), &Ctl::new()).unwrap();
     assert!(whole.result["regulator"]["verdict"].is_string() && whole.result["filter"]["verdict"].is_string());
+}
+
+/// A case that once came out wrong (`tests/golden/inverse_cases/README.md`): the person does not know the disturbance,
+/// and the filter is made for other noise than the true one. The truth is K = [22.8285, 7.5943], exact from the recorded
+/// control, and its twin explains the record as well.
+#[test]
+fn lqg_disturbance_unknown_to_person() {
+    let mut value: Value = serde_json::from_str(include_str!(
+        "../../../tests/golden/inverse_cases/lqg_disturbance_unknown_to_person.json"
+    ))
+    .unwrap();
+    let truth = [22.828_498_928_094_21, 7.594_252_899_751_503];
+    let report = parse(&value).unwrap().run(&Library::default(), &Ctl::new()).unwrap();
+    let is_true = |k: &Value| (0..2).all(|i| (k[0][i].as_f64().unwrap() / truth[i] - 1.0).abs() < 1e-5);
+    let twins = report.result["twins"].as_array().unwrap();
+    let pairs = std::iter::once(&report.result["k"]).chain(twins.iter().map(|twin| &twin["k"]));
+    assert_eq!(pairs.filter(|k| is_true(k)).count(), 1, "{}", report.result);
+    assert!(report.warnings.iter().any(|w| w.code == "twins"), "{:?}", report.warnings);
+    // Told, the same records are explained by no gain, and the residuals say so.
+    value["spec"]["disturbance"] = json!("known_to_person");
+    value["spec"]["optimality"] = Value::Null;
+    let wrong = parse(&value).unwrap().run(&Library::default(), &Ctl::new()).unwrap();
+    assert_eq!(wrong.result["twins"], Value::Null);
+    assert!(wrong.warnings.iter().any(|w| w.code == "coloured_residuals"), "{:?}", wrong.warnings);
+}
+
+/// Outputs alone do not tell K from the filter of a person whose noise is not known: what was K = 14.3 for 22.8 without
+/// a word is refused, with a way on.
+#[test]
+fn lqg_perceived_noise_y_only() {
+    let mut value: Value =
+        serde_json::from_str(include_str!("../../../tests/golden/inverse_cases/lqg_perceived_noise_y_only.json"))
+            .unwrap();
+    let refused = parse(&value).unwrap_err();
+    assert_eq!(refused.location.as_deref(), Some("/spec/perceived_noise"));
+    assert!(refused.detail.contains("outputs alone") && refused.mend.unwrap().contains("Record the control"));
+    // The assumption can be made, and then it is named.
+    value["spec"]["perceived_noise"] = json!("true");
+    let refused = parse(&value).unwrap_err();
+    assert!(refused.detail.contains("does not know the plant's input"), "{refused}");
+    value["spec"]["disturbance"] = json!("known_to_person");
+    value["spec"]["optimality"] = Value::Null;
+    let report = parse(&value).unwrap().run(&Library::default(), &Ctl::new()).unwrap();
+    assert!(report.warnings.iter().any(|w| w.code == "gain_and_filter"), "{:?}", report.warnings);
 }

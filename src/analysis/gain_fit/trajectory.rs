@@ -22,7 +22,7 @@ impl Observed {
     /// Where the filter is estimated too, the states are the person's estimates, and the control is −K times these.
     pub(super) fn new(spec: &GainFitSpec, assembled: &Loop, theta: &[f64]) -> Option<Self> {
         let [n, m, ..] = assembled.sizes;
-        if assembled.both {
+        if assembled.both() {
             let found = assembled.model.sampled(theta, assembled.time, false)?.value;
             let k = DMatrix::from_row_slice(m, n, &theta[..n * m]);
             let mut c = DMatrix::zeros(n + m, n);

@@ -21,9 +21,8 @@ pub fn parse_model(value: &Value, location: &str) -> Result<Model, Problem> {
         };
         let why = meant.err().map_or_else(|| "it has neither form".to_owned(), |error| error.to_string());
         wrong_inputs(format!("this is no model: {why}"), location).mend(
-            "A model is {\"num\": [..], \"den\": [..], \"sample_time_s\": null} in descending powers, or \
-             {\"a\", \"b\", \
-             \"c\", \"d\", \"sample_time_s\"} with row-major nested arrays.",
+            "A model is {\"num\": [..], \"den\": [..], \"sample_time_s\": null} in descending powers, or {\"a\", \
+             \"b\", \"c\", \"d\", \"sample_time_s\"} with row-major nested arrays.",
         )
     })
 }
@@ -50,8 +49,7 @@ fn unusable(error: &ModelError, location: &str) -> Problem {
         if matches!(error, ModelError::Conversion(ConversionError::NotSingle { .. })) {
             problem.mend(
                 "With several inputs or outputs ask for ssid_mimo: frequency_response with a matrix for each line and \
-                 a matrix_grid \
-                 as the pool; recorded trials have one of each.",
+                 a matrix_grid as the pool; recorded trials have one of each.",
             )
         } else {
             problem

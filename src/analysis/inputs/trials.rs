@@ -258,9 +258,8 @@ fn parse_all(trials: &[Value], many: bool, members: &Map<String, Value>, need: P
         None | Some(Value::Null) if need == PlantNeed::Optional => None,
         None | Some(Value::Null) => {
             return Err(invalid("there is no plant", "/inputs").mend(
-                "Give the plant that the trial was recorded on: {\"num\", \"den\", \"sample_time_s\"} or \
-                 {\"a\", \"b\", \
-                 \"c\", \"d\", \"sample_time_s\"}.",
+                "Give the plant that the trial was recorded on: {\"num\", \"den\", \"sample_time_s\"} or {\"a\", \
+                 \"b\", \"c\", \"d\", \"sample_time_s\"}.",
             ));
         }
         Some(model) => Some(parse_model(model, "/inputs/plant")?),

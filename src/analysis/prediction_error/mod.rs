@@ -48,10 +48,9 @@ impl Analysis for Plan {
     const KIND: Kind = Kind::named("prediction_error");
     const TITLE: &'static str = "Prediction error";
     const SUMMARY: &'static str = "Feedforward and feedback directly from command, control and output in the closed \
-     loop, \
-         of one trial or of several together: the control as a regression on its own past, the command, and every lag \
-         of the error that a human delay allows. Norms with intervals, regions of the responses, tests of residuals \
-         and hypotheses, and the change of the feedback from first to last trials.";
+     loop, of one trial or of several together: the control as a regression on its own past, the command, and every \
+     lag of the error that a human delay allows. Norms with intervals, regions of the responses, tests of residuals \
+     and hypotheses, and the change of the feedback from first to last trials.";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");
 

@@ -74,10 +74,10 @@ impl Analysis for Plan {
     const KIND: Kind = Kind::named("ssid");
     const TITLE: &'static str = "Subsystem identification";
     const SUMMARY: &'static str = "The person's feedforward and feedback controllers from trials of command tracking, \
-                                   or from frequency \
-        data of the closed loop: the exact optimum over a pool of candidates whose loop is stable, with its \
-        certificate, the candidates \
-        that fit nearly as well, and a refinement with bands (Zhang 2015, algorithms 2.1, 3.1 and 5.1).";
+                                   or from frequency data of the closed loop: the exact optimum over a pool of \
+                                   candidates whose loop is stable, with its certificate, the candidates that fit \
+                                   nearly as well, and a refinement with bands (Zhang 2015, algorithms 2.1, 3.1 and \
+                                   5.1).";
     const RESULT_VERSION: u32 = 5;
     const EXAMPLE: &'static str = include_str!("example.json");
 
@@ -429,8 +429,8 @@ fn validate(
                             "simulation_fails",
                             format!(
                                 "the identified loop, simulated from the command of {name}, explains none of the \
-                                 recorded output within the identified band \
-                                 (variance accounted for {:.3}), although it fits the frequency data",
+                                 recorded output within the identified band (variance accounted for {:.3}), although \
+                                 it fits the frequency data",
                                 vaf.output_in_band.unwrap_or(vaf.output)
                             ),
                         );

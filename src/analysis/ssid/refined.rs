@@ -261,8 +261,7 @@ fn warn(result: &RefinedResult, questions: &Questions<'_>, noise: Option<&Noise>
             "stability_margin_active",
             format!(
                 "the stability margin of {} /s holds the refined optimum ({:?}): a loop outside of it would fit \
-                 better, and estimates on a \
-                 constraint have no bands",
+                 better, and estimates on a constraint have no bands",
                 result.stability.margin_per_s, result.active_constraints
             ),
         );
@@ -273,8 +272,7 @@ fn warn(result: &RefinedResult, questions: &Questions<'_>, noise: Option<&Noise>
                 "residuals_exceed_noise",
                 format!(
                     "the residuals have {:.2} times the power that the noise explains (p = {:.1e}): the structure \
-                     misses something, and the \
-                     bands, which take it as right, are too narrow",
+                     misses something, and the bands, which take it as right, are too narrow",
                     tests.power_ratio, tests.power_p_value
                 ),
             );
@@ -296,8 +294,7 @@ fn warn(result: &RefinedResult, questions: &Questions<'_>, noise: Option<&Noise>
             "weights_from_few_segments",
             format!(
                 "the weights are inverse variances with {} degrees of freedom each: they are mostly noise, which the \
-                 bands do not know; \
-                 use uniform weights or more segments",
+                 bands do not know; use uniform weights or more segments",
                 noise.degrees_of_freedom
             ),
         );

@@ -180,8 +180,7 @@ pub(super) fn warn(comparison: &StructureComparison, own: [usize; 4], warnings: 
                 "another_structure_preferred",
                 format!(
                     "{name} prefers the degrees {degrees:?} (feedforward numerator and denominator, feedback numerator \
-                     and denominator) \
-                     to those of the answer, {own:?}"
+                     and denominator) to those of the answer, {own:?}"
                 ),
             ));
         }

@@ -36,10 +36,9 @@ impl Analysis for Plan {
     const KIND: Kind = Kind::named("ssid_mimo");
     const TITLE: &'static str = "Subsystem identification with several inputs and outputs";
     const SUMMARY: &'static str = "A person's feedforward and feedback with several controls, commands and outputs, in \
-                                   sampled time, from \
-        matrices of frequency data: the exact optimum over a grid of feedback matrix fractions whose loop is stable, \
-        each with the best FIR \
-        feedforward (Zhang 2015, algorithm 4.1).";
+                                   sampled time, from matrices of frequency data: the exact optimum over a grid of \
+                                   feedback matrix fractions whose loop is stable, each with the best FIR feedforward \
+                                   (Zhang 2015, algorithm 4.1).";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");
 

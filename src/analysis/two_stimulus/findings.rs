@@ -44,8 +44,7 @@ pub(super) fn of_estimate(free: &Controllers, plant: &System, given: bool, warni
         "feedback_interpolated",
         at(&|line| line.feedback.is_some_and(|f| f.interpolated)),
         "the disturbance does not excite the line; the feedback is interpolated between its neighbours, with the error \
-         that this may have \
-         stated and in the bands",
+         that this may have stated and in the bands",
     );
     say(
         "feedback_not_determined",
@@ -90,15 +89,14 @@ pub(super) fn of_estimate(free: &Controllers, plant: &System, given: bool, warni
                 (h_yd - expected).norm() > PLANT_MISMATCH * h_yd.norm()
             }),
             "y differs from G (u + d) by more than a tenth: either drift leaks into the line, or the plant is not the \
-             one named. The feedback \
-             and the feedforward of `lines` do not use the plant; the fits do",
+             one named. The feedback and the feedforward of `lines` do not use the plant; the fits do",
         );
     }
     warnings.push(Warning::new(
         "assumptions",
         "the person is taken as linear and time-invariant over all trials given, with noise that is circular, \
-         independent between trials and \
-         lines, and alike in trials with one stimulus and with two; bands are linearised",
+         independent between trials and lines, and alike in trials with one stimulus and with two; bands are \
+         linearised",
     ));
 }
 
@@ -109,8 +107,7 @@ pub(super) fn of_best(best: &StructureFit, warnings: &mut Vec<Warning>) {
             "structure_misfit",
             format!(
                 "the best structure leaves a reduced chi-square of {:.2} (p = {p:.1e}): it does not describe the \
-                 responses within their noise; \
-                 its bands are widened by the root of that",
+                 responses within their noise; its bands are widened by the root of that",
                 best.reduced_chi_square.unwrap_or(f64::NAN)
             ),
         ));

@@ -74,8 +74,7 @@ pub(super) fn no_disturbance(lines: &[LineResponse]) -> Problem {
         Code::NotIdentifiable,
         "the feedback is not determined",
         "the disturbance excites no line, and from the command alone feedback and feedforward cannot be told apart: \
-         every feedback \
-         has a feedforward with the same response",
+         every feedback has a feedforward with the same response",
     )
     .at("/inputs")
     .mend(

@@ -75,10 +75,9 @@ impl Analysis for Plan {
     const KIND: Kind = Kind::named("two_stimulus");
     const TITLE: &'static str = "Two-stimulus estimate";
     const SUMMARY: &'static str = "Feedforward and feedback from a command and a disturbance at the plant's input, \
-                                   which tell them apart \
-        without assumed degrees: line by line with intervals, and by structures such as McRuer's, with the shares of \
-        the trials that each \
-        accounts for.";
+                                   which tell them apart without assumed degrees: line by line with intervals, and by \
+                                   structures such as McRuer's, with the shares of the trials that each accounts \
+                                   for.";
     const RESULT_VERSION: u32 = 3;
     const EXAMPLE: &'static str = include_str!("example.json");
 

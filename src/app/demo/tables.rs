@@ -144,11 +144,9 @@ pub fn print_reading(out: &mut impl Write, curves: &StudyLearningCurves) -> io::
     writeln!(
         out,
         "\nReading: from the first to the last trial shown, ‖Gff G − 1‖ went on average {}, and fell in {fell} of \
-         {all} \
-         subjects. The subjects are simulated, so the rows \"true mean\" say what is to be found: with the command as \
-         the only stimulus, feedforward and feedback are told apart poorly, and single values err, those of ‖Gfb‖ \
-         most. \
-         This shows what the method sees of a change that is there, not how people learn.",
+         {all} subjects. The subjects are simulated, so the rows \"true mean\" say what is to be found: with the \
+         command as the only stimulus, feedforward and feedback are told apart poorly, and single values err, those of \
+         ‖Gfb‖ most. This shows what the method sees of a change that is there, not how people learn.",
         parts.join(" and ")
     )
 }

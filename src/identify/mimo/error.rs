@@ -92,8 +92,7 @@ pub enum MimoError {
     /// The loop has no delay.
     #[error(
         "row {row} (counted from 0) of the feedback has a numerator of degree {numerator} over a denominator of degree \
-         {denominator}, \
-         and {why}: Gfb Gv must be strictly proper (Zhang 2015, assumption A3.1)"
+         {denominator}, and {why}: Gfb Gv must be strictly proper (Zhang 2015, assumption A3.1)"
     )]
     NotStrictlyProper {
         /// The row, from 0.
@@ -116,8 +115,7 @@ pub enum MimoError {
     /// More data and coefficients than their diagnosis can hold.
     #[error(
         "{lines} lines of {measured}x{fed_back} responses and {unknowns} unknown coefficients make a matrix of \
-         derivatives with \
-         {entries} entries; at most {MOST_DERIVATIVES} are taken"
+         derivatives with {entries} entries; at most {MOST_DERIVATIVES} are taken"
     )]
     TooManyDerivatives {
         /// Lines given.

@@ -31,8 +31,7 @@ pub(super) fn findings(found: &Identified, plant: &Plant, settings: &Settings) -
             "few_lines",
             format!(
                 "{} frequency lines; more than {wanted} are needed to make sure that controllers with the same \
-                 response at the lines \
-                 have the same closed loop (Zhang 2015, proposition 4.3)",
+                 response at the lines have the same closed loop (Zhang 2015, proposition 4.3)",
                 found.lines.len()
             ),
         );
@@ -58,8 +57,8 @@ pub(super) fn findings(found: &Identified, plant: &Plant, settings: &Settings) -
             "feedback_not_determined",
             format!(
                 "a change of the feedback can be undone by the feedforward, so that the response is the same whatever \
-                 the feedback is \
-                 (Zhang 2015, example 4.1): {numbers}. Of all such feedbacks of the pool the first one is reported"
+                 the feedback is (Zhang 2015, example 4.1): {numbers}. Of all such feedbacks of the pool the first one \
+                 is reported"
             ),
         );
     } else if poor && has_free && !is_zero {
@@ -67,8 +66,7 @@ pub(super) fn findings(found: &Identified, plant: &Plant, settings: &Settings) -
             "feedback_poorly_determined",
             format!(
                 "the response to the commands cannot tell two controllers apart but by their assumed degrees, and here \
-                 it hardly does: {numbers}. \
-                 Feedback and feedforward of much the same cost may differ a lot"
+                 it hardly does: {numbers}. Feedback and feedforward of much the same cost may differ a lot"
             ),
         );
     } else {
@@ -76,8 +74,8 @@ pub(super) fn findings(found: &Identified, plant: &Plant, settings: &Settings) -
             "feedback_from_structure",
             format!(
                 "feedback and feedforward are told apart only by their assumed degrees (Zhang 2015, example 4.1 and \
-                 assumption A3.5); {numbers}. \
-                 They describe the modelled loop on the known plant, which is no proof about the person"
+                 assumption A3.5); {numbers}. They describe the modelled loop on the known plant, which is no proof \
+                 about the person"
             ),
         );
     }

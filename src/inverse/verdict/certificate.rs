@@ -8,6 +8,7 @@
 //! and `T = KXKᵀ + NKᵀ + KNᵀ`. Then `⟨X, Q⟩ = −⟨R, T⟩` for all weights that satisfy the equalities. Where X ≻ 0 and
 //! `ρ tr T + m(1 − ρ)λ_min(T) > 0`, no Q ⪰ 0 goes with any `R ⪰ ρI` of trace m.
 
+use super::joint::Joint;
 use crate::control::lyapunov::{Clock, Lyapunov};
 use crate::convex::svec;
 use crate::inverse::reach::Core;
@@ -109,7 +110,23 @@ impl<'a> PrimalTest<'a> {
     /// The same with another box of K, in the form that proves most; the ratio may be below 1.
     pub(super) fn check_within(&self, p: &DMatrix<f64>, r: &DMatrix<f64>, box_k: &DMatrix<f64>) -> Option<Primal> {
         let found = self.forms.iter().filter_map(|form| self.check_form(form, p, r, box_k));
-        found.max_by(|x, y| x.ratio.total_cmp(&y.ratio))
+        let found = found.max_by(|x, y| x.ratio.total_cmp(&y.ratio));
+        if found.as_ref().is_some_and(|found| found.ratio > CLEAR) {
+            return found;
+        }
+        found.into_iter().chain(self.check_joint(p, r, box_k)).max_by(|x, y| x.ratio.total_cmp(&y.ratio))
+    }
+
+    /// The same with Q and R giving way together.
+    fn check_joint(&self, p: &DMatrix<f64>, r: &DMatrix<f64>, box_k: &DMatrix<f64>) -> Option<Primal> {
+        let values = r.symmetric_eigenvalues();
+        if values.min() < FLOOR * values.mean() {
+            return None;
+        }
+        let joint = Joint::new(self.core, p, r)?;
+        let ratio = joint.ratio(box_k);
+        let moved = joint.q.diagonal() / ratio;
+        Some(Primal { p: p.clone(), r: r.clone(), q: joint.q, ratio, moved })
     }
 
     /// How far P and R are from exact ones for K, or for a gain within its rounding.

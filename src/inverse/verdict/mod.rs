@@ -10,6 +10,8 @@
 
 mod certificate;
 mod distance;
+mod factor;
+mod joint;
 mod kalman;
 mod plane;
 mod reduced;
@@ -109,8 +111,8 @@ pub struct Decision {
     /// feasible, a lower bound to first order where infeasible. Several inputs: a lower bound, up to which the
     /// certificate holds.
     pub relative_change: Option<f64>,
-    /// c*: the factor on the whole gain at which it becomes optimal; `None` where no factor helps, and with several
-    /// inputs.
+    /// c*: the factor on the whole gain at which it becomes optimal; `None` where no factor helps. Several inputs: to a
+    /// thousandth, by certificates on both sides, and looked for by [`with_factor`] alone.
     pub factor: Option<f64>,
     /// In sampled time with a singular A any stabilising gain that vanishes on its kernel is optimal for some Q: the
     /// answer is true, and carries no information.
@@ -161,6 +163,16 @@ pub(super) fn decide(gains: &Gains, ctl: &Ctl) -> Result<Decision, DecisionError
         return Ok(decision);
     }
     if core.ports() == 1 { one_input(core, ctl) } else { several_inputs(reach, ctl) }
+}
+
+/// The decision with c* of several inputs, up to 36 entries of the gain.
+pub(super) fn with_factor(mut decision: Decision, gains: &Gains, ctl: &Ctl) -> Result<Decision, DecisionError> {
+    let core = &gains.reach.core;
+    let has_one = matches!(decision.evidence, Evidence::Weights { .. } | Evidence::Multiplier { .. } | Evidence::None);
+    if core.ports() > 1 && core.ports() * core.states() <= factor::ENTRIES && has_one {
+        decision.factor = factor::several_inputs(core, decision.verdict, ctl)?;
+    }
+    Ok(decision)
 }
 
 /// In sampled time with an A that is singular to rounding.
