@@ -17,10 +17,11 @@ use volition::inverse::lqr::decision;
 use volition::inverse::{Gains, Settings, Verdict, inverse_lqr};
 use volition::num::rng;
 
-#[path = "../tests/support/boundary_gains.rs"]
-mod boundary_gains;
+#[allow(dead_code, reason = "the tests use the rest")]
 #[path = "../tests/support/exact.rs"]
 mod exact;
+#[path = "../tests/support/gain_classes.rs"]
+mod gain_classes;
 #[path = "../tests/support/inverse_plants.rs"]
 mod inverse_plants;
 
@@ -62,8 +63,8 @@ fn large(count: usize, seed: u64, complain: &mut impl FnMut(String)) {
     let (mut answered, mut refused, mut slowest) = (0, 0, 0.0_f64);
     for round in 0..count {
         let expected = if round % 2 == 0 { Verdict::Feasible } else { Verdict::Infeasible };
-        let Some(member) = boundary_gains::large(expected, &mut stream) else { continue };
-        let boundary_gains::Member { a, b, k, clock } = &member;
+        let Some(member) = gain_classes::large(expected, &mut stream) else { continue };
+        let gain_classes::Member { a, b, k, clock } = &member;
         let Ok(gains) = Gains::regulator(a, b, k, *clock) else {
             refused += 1;
             continue;

@@ -1,6 +1,8 @@
-//! `volition demo`: the whole road on a simulated study.
+//! `volition demo`: the whole road on simulated people, whose truth is known.
 
+pub mod page;
 pub mod simulate;
+pub mod story;
 pub mod tables;
 
 use super::import::progress_bar;
@@ -10,7 +12,8 @@ use crate::analysis::report::sha256_json;
 use crate::analysis::{Plan, Request};
 use crate::config::CacheArgs;
 use crate::jobs::Status;
-use crate::learning::StudyLearningCurves;
+use crate::learning::inputs::Estimator;
+use crate::learning::{StudyComparison, StudyLearningCurves};
 use crate::plants::Plant;
 use crate::simulate::SimulatedStudy;
 use crate::store::{AnalysisFilter, AnalysisRecord, NewAnalysis, Page, Store};
@@ -18,19 +21,21 @@ use crate::worker::{Analyses, Worker, WorkerSettings};
 use anyhow::{Context as _, bail};
 use clap::Args;
 use indicatif::ProgressBar;
-use serde_json::json;
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use story::{Story, Way};
 use tokio_util::sync::CancellationToken;
 
 /// The trials that are simulated, out of a practice of forty (Zhang 2015, section 5.2).
 const TRIALS: [u32; 6] = [1, 5, 10, 20, 30, 40];
 
-/// The band of the command, 0 to 0.5 Hz, over which norms are taken (Zhang 2015, section 5.7).
-const BAND_RAD_S: (f64, f64) = (0.0, std::f64::consts::PI);
+/// The band of the command in Hz, over which norms are taken (Zhang 2015, section 5.7): from one period a trial.
+const BAND_HZ: [f64; 2] = [1.0 / 60.0, 0.5];
 
 /// How often the queue is looked at for the progress bar.
 const LOOK: Duration = Duration::from_millis(100);
@@ -50,6 +55,9 @@ pub struct DemoArgs {
     /// Subjects in each of the two groups.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=99))]
     pub subjects: u16,
+    /// Write the story as a page too, which any browser shows.
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
     /// Compute threads; by default one for each processor.
     #[arg(long, value_name = "N")]
     pub compute_threads: Option<usize>,
@@ -58,7 +66,8 @@ pub struct DemoArgs {
     pub cache: CacheArgs,
 }
 
-/// Simulates, stores, identifies, and prints the learning curves; fails (exit code 1) when an analysis failed.
+/// Simulates the same people with one stimulus and with two, estimates every trial in several ways, and prints them
+/// beside the truth; fails (exit code 1) when an analysis failed.
 ///
 /// # Errors
 /// When the database holds studies already (without `--force`) or fails, or the person interrupts.
@@ -90,57 +99,87 @@ pub async fn run(args: &DemoArgs, store: &Store, out: &mut impl Write) -> anyhow
     if !args.force && !store.studies(Page { after: None, limit: 1 }).await?.is_empty() {
         bail!("the database holds studies already; choose another file, or add to it with --force");
     }
-    let simulated =
-        Arc::new(SimulatedStudy::two_groups(usize::from(args.subjects), TRIALS[TRIALS.len() - 1], args.seed)?);
-    let truth = simulate::truth(&simulated, &TRIALS, BAND_RAD_S)?;
+    let first = SimulatedStudy::two_groups(usize::from(args.subjects), TRIALS[TRIALS.len() - 1], args.seed)?;
+    let band_rad_s = BAND_HZ.map(|frequency| 2.0 * std::f64::consts::PI * frequency);
+    let truth = simulate::truth(&first, &TRIALS, (band_rad_s[0], band_rad_s[1]))?;
     let bar = progress_bar("trials simulated");
-    let stored = simulate::store_study(store, simulated, &TRIALS, args.seed, &bar).await;
+    let name = format!("simulated, seed {}", args.seed);
+    let second = Arc::new(first.clone().with_disturbance());
+    let alone = simulate::store_study(store, Arc::new(first), &TRIALS, &name, &bar).await;
+    let both = simulate::store_study(store, second, &TRIALS, &format!("{name}, two stimuli"), &bar).await;
     bar.finish_and_clear();
-    let stored = stored?;
+    let (alone, both) = (alone?, both?);
 
-    let requests: Vec<NewAnalysis> =
-        stored.trials.iter().map(|(trial, plant)| request(stored.study, *trial, *plant)).collect::<Result<_, _>>()?;
+    let mut requests = Vec::new();
+    for (trial, plant) in &alone.trials {
+        requests.push(identification(alone.study, *trial, *plant)?);
+        requests.push(prediction_error(alone.study, *trial)?);
+    }
+    for (trial, _) in &both.trials {
+        requests.push(prediction_error(both.study, *trial)?);
+    }
     store.create_analyses(requests, None).await?;
     let began = Instant::now();
-    let finished = work(store, stored.study, args).await?;
+    let finished = work(store, [alone.study, both.study], args).await?;
     let seconds = began.elapsed().as_secs_f64();
 
-    let curves = learning_curves(store, stored.study).await?;
-    let trials: Vec<String> = TRIALS.iter().map(u32::to_string).collect();
-    writeln!(
-        out,
-        "Study {:?}: 2 groups of {} simulated subjects, trials {} of {}, a 60 s chirp of 0 to 0.5 Hz",
-        stored.name,
-        args.subjects,
-        trials.join(", "),
-        TRIALS[TRIALS.len() - 1]
-    )?;
+    let mut ways = Vec::new();
+    for (study, estimator, title, stimuli) in [
+        (alone.study, Estimator::Ssid, "pool, best candidate", "command alone"),
+        (alone.study, Estimator::PredictionError, "prediction error", "command alone"),
+        (both.study, Estimator::PredictionError, "prediction error", "two stimuli"),
+    ] {
+        let curves = learning_curves(store, study, estimator).await?;
+        ways.push(Way { estimator, title, stimuli, curves });
+    }
+    let ends = [TRIALS[0], TRIALS[TRIALS.len() - 1]];
+    let groups = story::groups(&ways, &truth, ends.map(i64::from));
     let failed: Vec<&AnalysisRecord> = finished.iter().filter(|a| a.status != Status::Succeeded).collect();
-    let succeeded = finished.len() - failed.len();
-    writeln!(
-        out,
-        "Subsystem identification: {succeeded} of {} trials in {seconds:.1} s, pool {}",
-        finished.len(),
-        pool()
-    )?;
-    tables::print(out, &curves, &truth)?;
-    tables::print_reading(out, &curves)?;
+    let database = args.database.as_ref().map_or_else(|| "lab.db".to_owned(), |path| path.display().to_string());
+    let told = Story {
+        heading: vec![
+            format!(
+                "2 groups of {} simulated people (seed {}), trials {} of {}: a 60 s chirp of 0 to 0.5 Hz to follow, \
+                 once alone and once with a disturbance of the control.",
+                args.subjects,
+                args.seed,
+                TRIALS.map(|trial| trial.to_string()).join(", "),
+                ends[1]
+            ),
+            format!(
+                "{} of {} analyses in {seconds:.1} s; the pool of each trial is {}.",
+                finished.len() - failed.len(),
+                finished.len(),
+                pool()
+            ),
+        ],
+        lessons: story::lessons(&groups),
+        groups,
+        findings: findings(store, both.study).await?,
+        next: vec![
+            format!("volition demo --database {database}  # keeps the people, for the commands below"),
+            format!("volition compare \"{name}, two stimuli\" --database {database}"),
+            format!("volition serve --database {database}"),
+        ],
+    };
+    if let Some(curves) = ways.last().map(|way| &way.curves) {
+        tables::print(out, curves, &truth)?;
+    }
+    tables::print_story(out, &told)?;
     for analysis in &failed {
         let why = analysis.problem.as_ref().map_or_else(|| "no reason given".to_owned(), ToString::to_string);
         writeln!(out, "analysis {} {}: {why}", analysis.id, analysis.status.name())?;
     }
-    match &args.database {
-        Some(path) => writeln!(out, "\nKept in {0}: volition serve --database {0}", path.display())?,
-        None => {
-            writeln!(out, "\nNothing is kept; --database FILE keeps the study, for `volition serve --database FILE`.")?
-        }
+    if let Some(path) = &args.html {
+        std::fs::write(path, page::page(&told)).with_context(|| format!("cannot write {}", path.display()))?;
+        writeln!(out, "\nThe same as a page: {}", path.display())?;
     }
     Ok(if failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// How every trial is identified: the sampled pool of Zhang 2015, appendix C, thinned to what a laptop searches in a
 /// second.
-fn pool() -> serde_json::Value {
+fn pool() -> Value {
     json!({"name": "zhang2015_appendix_c", "thin": {"poles": 12, "zeros": 12, "damping": 6, "gains": 3}})
 }
 
@@ -150,12 +189,21 @@ fn feedforward_degree(plant: Plant) -> u32 {
     if plant == Plant::MinimumPhase { 2 } else { 6 }
 }
 
-fn request(study: StudyId, trial: TrialId, plant: Plant) -> anyhow::Result<NewAnalysis> {
+fn identification(study: StudyId, trial: TrialId, plant: Plant) -> anyhow::Result<NewAnalysis> {
     let degree = feedforward_degree(plant);
     let spec =
         json!({"pool": pool(), "feedforward_numerator_degree": degree, "feedforward_denominator_degree": degree});
-    let written = Request { kind: "ssid".to_owned(), inputs: json!({"trial": trial}), spec };
-    let plan = Plan::parse(&written).context("the demonstration's own request is refused")?;
+    request(study, "ssid", json!({"trial": trial}), spec)
+}
+
+/// A trial by itself: nothing is assumed to be the same in others.
+fn prediction_error(study: StudyId, trial: TrialId) -> anyhow::Result<NewAnalysis> {
+    request(study, "prediction_error", json!({"trial": trial}), json!({"band_hz": BAND_HZ}))
+}
+
+fn request(study: StudyId, kind: &str, inputs: Value, spec: Value) -> anyhow::Result<NewAnalysis> {
+    let plan = Plan::parse(&Request { kind: kind.to_owned(), inputs, spec })
+        .context("the demonstration's own request is refused")?;
     let request = plan.request();
     let references = plan.references();
     Ok(NewAnalysis {
@@ -168,8 +216,8 @@ fn request(study: StudyId, trial: TrialId, plant: Plant) -> anyhow::Result<NewAn
     })
 }
 
-/// Runs a worker until every analysis of the study is finished.
-async fn work(store: &Store, study: StudyId, args: &DemoArgs) -> anyhow::Result<Vec<AnalysisRecord>> {
+/// Runs a worker until every analysis of the studies is finished.
+async fn work(store: &Store, studies: [StudyId; 2], args: &DemoArgs) -> anyhow::Result<Vec<AnalysisRecord>> {
     let settings = WorkerSettings { compute_threads: args.compute_threads.unwrap_or(0), ..WorkerSettings::default() };
     let pools = args.cache.pools(args.database.as_deref());
     let worker = Worker::new(store.clone(), Arc::new(Analyses::new(pools)), settings)?;
@@ -180,25 +228,28 @@ async fn work(store: &Store, study: StudyId, args: &DemoArgs) -> anyhow::Result<
         let stop = stop.clone();
         async move { worker.run(stop).await }
     });
-    let bar = progress_bar("trials identified");
-    let finished = watch(store, study, &bar).await;
+    let bar = progress_bar("analyses finished");
+    let finished = watch(store, &studies, &bar).await;
     bar.finish_and_clear();
     stop.cancel();
     running.await?;
     finished
 }
 
-async fn watch(store: &Store, study: StudyId, bar: &ProgressBar) -> anyhow::Result<Vec<AnalysisRecord>> {
-    let filter = AnalysisFilter { study: Some(study), ..AnalysisFilter::default() };
+async fn watch(store: &Store, studies: &[StudyId], bar: &ProgressBar) -> anyhow::Result<Vec<AnalysisRecord>> {
     loop {
         let mut all: Vec<AnalysisRecord> = Vec::new();
-        loop {
-            let page = Page { after: all.last().map(|a| a.id.0), limit: 500 };
-            let next = store.analyses(filter.clone(), page).await?;
-            let last = next.len() < 500;
-            all.extend(next);
-            if last {
-                break;
+        for study in studies {
+            let filter = AnalysisFilter { study: Some(*study), ..AnalysisFilter::default() };
+            let mut after = None;
+            loop {
+                let next = store.analyses(filter.clone(), Page { after, limit: 500 }).await?;
+                let is_last = next.len() < 500;
+                after = next.last().map(|a| a.id.0);
+                all.extend(next);
+                if is_last {
+                    break;
+                }
             }
         }
         let waiting = all.iter().filter(|a| matches!(a.status, Status::Queued | Status::Running)).count();
@@ -212,11 +263,23 @@ async fn watch(store: &Store, study: StudyId, bar: &ProgressBar) -> anyhow::Resu
 }
 
 /// The answer of the API itself (without a network), so that the demonstration prints what a client reads.
-async fn learning_curves(store: &Store, study: StudyId) -> anyhow::Result<StudyLearningCurves> {
-    match ask(store, &format!("/v1/studies/{study}/learning-curves")).await? {
-        Answer::Body(body) => serde_json::from_slice(&body).context("the learning curves cannot be read"),
-        Answer::Problem(body) => bail!("the learning curves were refused: {}", String::from_utf8_lossy(&body)),
+async fn answer<T: DeserializeOwned>(store: &Store, path: &str) -> anyhow::Result<T> {
+    match ask(store, path).await? {
+        Answer::Body(body) => serde_json::from_slice(&body).with_context(|| format!("{path} cannot be read")),
+        Answer::Problem(body) => bail!("{path} was refused: {}", String::from_utf8_lossy(&body)),
     }
+}
+
+async fn learning_curves(store: &Store, study: StudyId, estimator: Estimator) -> anyhow::Result<StudyLearningCurves> {
+    answer(store, &format!("/v1/studies/{study}/learning-curves?estimator={}", estimator.name())).await
+}
+
+/// What the comparison of the groups finds, in sentences.
+async fn findings(store: &Store, study: StudyId) -> anyhow::Result<Vec<String>> {
+    let metric = "norm_feedforward_plant_minus_one";
+    let path = format!("/v1/studies/{study}/comparison?estimator=prediction_error&metrics={metric}");
+    let found: StudyComparison = answer(store, &path).await?;
+    Ok(found.findings)
 }
 
 /// A folder of our own that goes when this does.

@@ -322,7 +322,12 @@ impl<'a> Job<'a> {
             (Removal::None, Some(h), Some(local)) => {
                 let noise = local.ratio_variance + local.mean_square_error + (PRECISION * h.norm()).powi(2);
                 let difference = (h - local.h).norm_sqr();
-                Some(if difference > noise { (difference - noise).sqrt() } else { 0.0 })
+                if local.is_told {
+                    Some(if difference > noise { (difference - noise).sqrt() } else { 0.0 })
+                } else {
+                    // The polynomials may err as much as they may leave of the transient: a bound of both.
+                    Some((difference - local.ratio_variance).max(0.0).sqrt() + local.leakage)
+                }
             }
             _ => None,
         };

@@ -49,7 +49,7 @@ pub struct Estimate {
     /// The same of the segment in which it is weakest.
     pub input_power_minimum: Vec<f64>,
     /// What transients, slopes and a window leave in the response, root mean square; 0 where nothing stands above the
-    /// noise, `None` where it cannot be told.
+    /// noise, a bound where the data do not tell the response from the transient, `None` where nothing is known of it.
     pub leakage: Vec<Option<f64>>,
     /// Whether the error of the line is at most a fifth of its response (or of the median response, where that is
     /// larger), as far as it is known, and the data tell the response from the transient.

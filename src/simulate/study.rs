@@ -6,6 +6,12 @@ use crate::num::rng;
 use crate::plants::Plant;
 use crate::trial::Trial;
 use rand::RngExt;
+use std::f64::consts::PI;
+
+/// Lines of the disturbance, in periods per minute.
+const DISTURBANCE_LINES: [u32; 10] = [5, 8, 11, 17, 23, 31, 41, 53, 67, 89];
+/// Amplitude of each, in the unit of the control: together somewhat less than the control that the command asks for.
+const DISTURBANCE_AMPLITUDE: f64 = 0.3;
 
 /// A simulated subject with its code in the study.
 #[derive(Debug, Clone)]
@@ -34,6 +40,8 @@ pub struct SimulatedStudy {
     pub sample_time_s: f64,
     /// The command of every trial.
     pub command: Vec<f64>,
+    /// The disturbance of every trial, added to the control; none where the command is the only stimulus.
+    pub disturbance: Option<Vec<f64>>,
     /// Trials per subject, numbered from 1.
     pub trials: u32,
     /// The groups.
@@ -63,9 +71,28 @@ impl SimulatedStudy {
         Ok(Self {
             sample_time_s: Self::SAMPLE_TIME_S,
             command: reference_signals::chirp60(Self::SAMPLE_TIME_S),
+            disturbance: None,
             trials,
             groups: groups.collect::<Result<_, SubjectError>>()?,
         })
+    }
+
+    /// The same people with a second stimulus: a disturbance of the control, ten sines between 0.08 and 1.5 Hz.
+    #[must_use]
+    pub fn with_disturbance(self) -> Self {
+        let sines: Vec<reference_signals::Sine> = DISTURBANCE_LINES
+            .iter()
+            .enumerate()
+            .map(|(i, line)| reference_signals::Sine {
+                amplitude: DISTURBANCE_AMPLITUDE,
+                omega_rad_s: 2.0 * PI * f64::from(*line) / reference_signals::CHIRP60_DURATION_S,
+                // Schroeder's phases keep the peak low.
+                phase_rad: -PI * (i * i) as f64 / DISTURBANCE_LINES.len() as f64,
+            })
+            .collect();
+        let duration_s = reference_signals::CHIRP60_DURATION_S;
+        let disturbance = reference_signals::sum_of_sines(&sines, self.sample_time_s, duration_s);
+        Self { disturbance: Some(disturbance), ..self }
     }
 
     /// Trial `number` (from 1) of a member.
@@ -73,6 +100,6 @@ impl SimulatedStudy {
     /// # Errors
     /// [`SubjectError`] where the simulation overflows.
     pub fn trial(&self, member: &Member, number: u32) -> Result<Trial, SubjectError> {
-        member.subject.trial(number, &self.command, None)
+        member.subject.trial(number, &self.command, self.disturbance.as_deref())
     }
 }

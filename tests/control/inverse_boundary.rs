@@ -1,10 +1,8 @@
 //! Verdicts of optimality: the cases of the reference, and every class of gain with fresh members.
 #![allow(non_snake_case)]
 
-use crate::boundary_gains::{
-    Member, clock_of, definite, large, mixed, of_output, open, optimal_of_several, random, second_order, stabilising,
-    touching, truth,
-};
+use crate::boundary_gains::{mixed, of_output, open, optimal_of_several, second_order, touching};
+use crate::gain_classes::{Member, clock_of, definite, large, random, stabilising, truth};
 use nalgebra::DMatrix;
 use rand::RngExt;
 use serde_json::Value;
@@ -13,7 +11,6 @@ use volition::control::lyapunov::Clock;
 use volition::ctl::Ctl;
 use volition::inverse::lqr::decision;
 use volition::inverse::{Decision, Evidence, Gains, GainsError, Knowledge, Settings, Verdict, inverse_lqr};
-use volition::num::linalg::eigenvalues;
 use volition::num::rng::{self, Stream};
 
 const MEMBERS: usize = 300;

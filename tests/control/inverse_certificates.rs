@@ -1,8 +1,9 @@
 //! Certificates of verdicts, checked in rational arithmetic.
 
-use crate::boundary_gains::Member;
-use crate::boundary_gains::{optimal_of_several, random, stabilising};
+use crate::boundary_gains::optimal_of_several;
 use crate::exact;
+use crate::gain_classes::Member;
+use crate::gain_classes::{random, stabilising};
 use crate::inverse_boundary::SEED;
 use nalgebra::DMatrix;
 use num_rational::BigRational;

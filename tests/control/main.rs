@@ -5,6 +5,8 @@
 mod boundary_gains;
 #[path = "../support/exact.rs"]
 mod exact;
+#[path = "../support/gain_classes.rs"]
+mod gain_classes;
 #[path = "../support/inverse_plants.rs"]
 mod inverse_plants;
 #[path = "../support/property.rs"]

@@ -22,8 +22,6 @@ const DISPLAY_LIMIT: f64 = 8.0;
 pub struct Stored {
     /// Its id.
     pub study: StudyId,
-    /// Its name.
-    pub name: String,
     /// Its trials, each with its plant.
     pub trials: Vec<(TrialId, Plant)>,
 }
@@ -36,16 +34,16 @@ pub async fn store_study(
     store: &Store,
     simulated: Arc<SimulatedStudy>,
     numbers: &[u32],
-    seed: u64,
+    name: &str,
     bar: &ProgressBar,
 ) -> anyhow::Result<Stored> {
-    let name = format!("simulated, seed {seed}");
     let description = "Simulated subjects (volition demo): delayed feedback, a feedforward that approaches the inverse \
                        dynamics over the trials, coloured remnant noise. No human data.";
-    let new = NewStudy { name: name.clone(), description: description.to_owned(), display_limit: Some(DISPLAY_LIMIT) };
+    let new =
+        NewStudy { name: name.to_owned(), description: description.to_owned(), display_limit: Some(DISPLAY_LIMIT) };
     let study = store.create_study(new, None).await?.into_inner().id;
     let members: usize = simulated.groups.iter().map(|g| g.members.len()).sum();
-    bar.set_length((members * numbers.len()) as u64);
+    bar.inc_length((members * numbers.len()) as u64);
     let mut trials = Vec::new();
     for group in &simulated.groups {
         let model = System::Continuous(group.plant.transfer_function()).to_model();
@@ -76,7 +74,7 @@ pub async fn store_study(
             }
         }
     }
-    Ok(Stored { study, name, trials })
+    Ok(Stored { study, trials })
 }
 
 /// The norms of the controllers that the simulated subjects really have, delay and preview included, in the trials

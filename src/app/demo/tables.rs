@@ -1,5 +1,6 @@
 //! Learning curves as aligned text.
 
+use super::story::{End, Story};
 use crate::learning::StudyLearningCurves;
 use crate::learning::curves::{CurvePoint, Metric};
 use crate::learning::frequency_domain::ControllerMetrics;
@@ -9,11 +10,9 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 /// The quantities printed, with their names.
-const PRINTED: [(Metric, &str); 4] = [
+const PRINTED: [(Metric, &str); 2] = [
     (Metric::MeanAbsError, "‖e‖ = mean |r − y|"),
     (Metric::NormFeedforwardPlantMinusOne, "‖Gff G − 1‖: distance of the feedforward from the inverse dynamics"),
-    (Metric::NormFeedback, "‖Gfb‖: mean feedback gain over the band"),
-    (Metric::VarianceAccountedFor, "share of the variance of y that the identified controllers explain in simulation"),
 ];
 const LABEL: usize = 10;
 const CELL: usize = 8;
@@ -97,7 +96,7 @@ fn heading(point: &GroupPoint) -> String {
 }
 
 /// Four significant digits.
-fn number(value: f64) -> String {
+pub fn number(value: f64) -> String {
     let digits = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
     if !(-4..7).contains(&digits) {
         return format!("{value:.2e}");
@@ -117,38 +116,54 @@ fn of(point: &GroupPoint, metric: Metric) -> &Statistics {
     }
 }
 
-/// What the curves show, in one paragraph with its numbers and its limits.
+/// The ways of estimating side by side, group by group, then what they teach and how to go on.
 ///
 /// # Errors
 /// Where `out` cannot be written.
-pub fn print_reading(out: &mut impl Write, curves: &StudyLearningCurves) -> io::Result<()> {
-    let mut parts = Vec::new();
-    let (mut fell, mut all) = (0, 0);
-    for group in &curves.groups {
-        for subject in &group.subjects {
-            let trend = &subject.curve.trends.norm_feedforward_plant_minus_one;
-            if let (Some(first), Some(last)) = (trend.first, trend.last) {
-                all += 1;
-                fell += usize::from(last < first);
+pub fn print_story(out: &mut impl Write, story: &Story) -> io::Result<()> {
+    writeln!(out)?;
+    for line in &story.heading {
+        writeln!(out, "{line}")?;
+    }
+    for group in &story.groups {
+        writeln!(out, "\nGroup {} on plant {} ({} people)", group.name, group.plant, group.people)?;
+        for table in &group.tables {
+            writeln!(out, "\n  {}: {}", table.symbol, table.meaning)?;
+            let heading = ["estimator", "stimuli", "first trial", "last trial", "trust"];
+            story_row(out, heading.map(str::to_owned))?;
+            for row in &table.rows {
+                let [first, last] = &row.ends;
+                let cells = [row.title.to_owned(), row.stimuli.to_owned(), end(first), end(last), row.trust()];
+                story_row(out, cells)?;
             }
-        }
-        let mean = |table: &crate::learning::groups::GroupTable| table.metrics.norm_feedforward_plant_minus_one.mean;
-        if let (Some(first), Some(last)) = (mean(&group.first_trials), mean(&group.last_trials)) {
-            let name = group.group.as_deref().unwrap_or("without group");
-            parts.push(format!("from {} to {} in {name}", number(first), number(last)));
+            let [first, last] = table.truth.map(|value| value.map_or_else(|| "-".to_owned(), number));
+            story_row(out, ["truth".to_owned(), String::new(), first, last, String::new()])?;
         }
     }
-    if parts.is_empty() {
-        return writeln!(out, "\nNo trial was identified, so nothing can be said about the inverse dynamics.");
+    writeln!(out)?;
+    for sentence in story.lessons.iter().chain(&story.findings) {
+        writeln!(out, "- {sentence}")?;
     }
-    writeln!(
-        out,
-        "\nReading: from the first to the last trial shown, ‖Gff G − 1‖ went on average {}, and fell in {fell} of \
-         {all} subjects. The subjects are simulated, so the rows \"true mean\" say what is to be found: with the \
-         command as the only stimulus, feedforward and feedback are told apart poorly, and single values err, those of \
-         ‖Gfb‖ most. This shows what the method sees of a change that is there, not how people learn.",
-        parts.join(" and ")
-    )
+    writeln!(out, "\nNext:")?;
+    for command in &story.next {
+        writeln!(out, "  {command}")?;
+    }
+    Ok(())
+}
+
+fn story_row(out: &mut impl Write, cells: [String; 5]) -> io::Result<()> {
+    let [title, stimuli, first, last, trust] = cells;
+    let line = format!("    {title:<21} {stimuli:<14} {first:<24} {last:<24} {trust}");
+    writeln!(out, "{}", line.trim_end())
+}
+
+/// A mean with the mean of its intervals.
+pub fn end(end: &End) -> String {
+    match (end.value, end.interval) {
+        (None, _) => "-".to_owned(),
+        (Some(value), None) => number(value),
+        (Some(value), Some([low, high])) => format!("{} [{}, {}]", number(value), number(low), number(high)),
+    }
 }
 
 #[cfg(test)]
@@ -193,7 +208,6 @@ mod tests {
         let curves = study_learning_curves(&study, &CurveOptions::default());
         let mut text = Vec::new();
         print(&mut text, &curves, &Truth::new()).unwrap();
-        print_reading(&mut text, &curves).unwrap();
         let text = String::from_utf8(text).unwrap();
         let rows: Vec<Vec<&str>> = text.lines().map(|l| l.split_whitespace().collect()).collect();
         for expected in [
@@ -207,7 +221,7 @@ mod tests {
             assert!(rows.contains(&expected), "{expected:?} in\n{text}");
         }
         assert!(!text.contains("Gfb"), "a quantity that no trial has needs no table:\n{text}");
-        assert!(text.contains("1 divergent trials are left out") && text.contains("No trial was identified"));
+        assert!(text.contains("1 divergent trials are left out"), "{text}");
     }
 
     #[test]
