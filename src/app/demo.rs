@@ -274,12 +274,14 @@ async fn learning_curves(store: &Store, study: StudyId, estimator: Estimator) ->
     answer(store, &format!("/v1/studies/{study}/learning-curves?estimator={}", estimator.name())).await
 }
 
-/// What the comparison of the groups finds, in sentences.
+/// What the comparison of the groups finds about their change with practice, in one sentence where both groups have
+/// values.
 async fn findings(store: &Store, study: StudyId) -> anyhow::Result<Vec<String>> {
     let metric = "norm_feedforward_plant_minus_one";
-    let path = format!("/v1/studies/{study}/comparison?estimator=prediction_error&metrics={metric}");
+    let path = format!("/v1/studies/{study}/comparison?estimator=prediction_error&metrics={metric}&contrasts=change");
     let found: StudyComparison = answer(store, &path).await?;
-    Ok(found.findings)
+    // Groups come first, then the differences between them, then the counts.
+    Ok(found.findings.into_iter().skip(found.groups.len()).take(found.pairs.len()).collect())
 }
 
 /// A folder of our own that goes when this does.

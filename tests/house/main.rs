@@ -3,6 +3,7 @@
 //! `cargo test --test house figures -- --nocapture` prints the figures.
 #![allow(clippy::print_stdout, clippy::unwrap_used, unreachable_pub)]
 
+mod builds;
 mod figures;
 mod fixture;
 mod graph;

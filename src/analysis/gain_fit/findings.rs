@@ -172,9 +172,9 @@ fn twins(result: &GainFitResult, missing: Option<&TwinsError>, warn: &mut impl F
     warn(
         "twins",
         format!(
-            "{} other pairs of K and L make exactly the same controller; their gains have norms from {low:.4} to \
-             {high:.4}. None of them is the answer alone: read `twins`. {until}",
-            others.len()
+            "Other pairs of K and L make exactly the same controller: {}, with the one given. The norms of their gains \
+             go from {low:.4} to {high:.4}. None of them is the answer alone: read `twins`. {until}",
+            others.len() + 1
         ),
     );
 }
