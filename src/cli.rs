@@ -51,7 +51,8 @@ enum Command {
     },
     /// Write the OpenAPI document to standard output.
     Openapi,
-    /// Simulate a study of two groups, identify every trial, and print the learning curves.
+    /// Simulate people with one stimulus and with two, estimate every trial in several ways, and print the estimates
+    /// beside the truth.
     Demo(app::demo::DemoArgs),
     /// Compare the groups of a study: change with practice and difference between groups, with intervals and exact
     /// tests.
