@@ -40,7 +40,7 @@ fn class(name: &str, draw: impl FnMut(&mut Stream) -> Option<(Member, Verdict)>)
 fn members(name: &str, count: usize, mut draw: impl FnMut(&mut Stream) -> Option<(Member, Verdict)>) {
     let mut stream = rng::stream(SEED, name);
     let mut counts = [0; 3];
-    let mut largest: f64 = 0.0;
+    let (mut largest, mut farthest) = (0.0_f64, String::new());
     let mut round = 0;
     while counts.iter().sum::<usize>() < count {
         round += 1;
@@ -55,11 +55,15 @@ fn members(name: &str, count: usize, mut draw: impl FnMut(&mut Stream) -> Option
         let Member { a, b, k, clock } = &member;
         assert_eq!(found.verdict, expected, "{name} {round}: {found:?}\n{a}{b}{k}{clock:?}");
         counts[expected as usize] += 1;
-        if expected == Verdict::Boundary {
-            largest = largest.max(found.ratio.map_or(0.0, f64::abs));
+        let ratio = found.ratio.map_or(0.0, f64::abs);
+        if expected == Verdict::Boundary && ratio > largest {
+            largest = ratio;
+            farthest = format!("n = {}, {clock:?}, {:?}", a.nrows(), found.evidence);
         }
     }
-    eprintln!("{name}: feasible, infeasible, boundary {counts:?}; largest ratio on the boundary {largest:.3}");
+    eprintln!(
+        "{name}: feasible, infeasible, boundary {counts:?}; largest ratio on the boundary {largest:.3}: {farthest}"
+    );
 }
 
 #[test]
