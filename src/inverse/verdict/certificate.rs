@@ -8,6 +8,7 @@
 //! and `T = KXKᵀ + NKᵀ + KNᵀ`. Then `⟨X, Q⟩ = −⟨R, T⟩` for all weights that satisfy the equalities. Where X ≻ 0 and
 //! `ρ tr T + m(1 − ρ)λ_min(T) > 0`, no Q ⪰ 0 goes with any `R ⪰ ρI` of trace m.
 
+use super::distance;
 use super::joint::Joint;
 use crate::control::lyapunov::{Clock, Lyapunov};
 use crate::convex::svec;
@@ -109,24 +110,39 @@ impl<'a> PrimalTest<'a> {
 
     /// The same with another box of K, in the form that proves most; the ratio may be below 1.
     pub(super) fn check_within(&self, p: &DMatrix<f64>, r: &DMatrix<f64>, box_k: &DMatrix<f64>) -> Option<Primal> {
-        let found = self.forms.iter().filter_map(|form| self.check_form(form, p, r, box_k));
-        let found = found.max_by(|x, y| x.ratio.total_cmp(&y.ratio));
+        let found = self.check_forms(p, r, box_k);
         if found.as_ref().is_some_and(|found| found.ratio > CLEAR) {
             return found;
         }
         found.into_iter().chain(self.check_joint(p, r, box_k)).max_by(|x, y| x.ratio.total_cmp(&y.ratio))
     }
 
+    fn check_forms(&self, p: &DMatrix<f64>, r: &DMatrix<f64>, box_k: &DMatrix<f64>) -> Option<Primal> {
+        let found = self.forms.iter().filter_map(|form| self.check_form(form, p, r, box_k));
+        found.max_by(|x, y| x.ratio.total_cmp(&y.ratio))
+    }
+
     /// The same with Q and R giving way together.
     fn check_joint(&self, p: &DMatrix<f64>, r: &DMatrix<f64>, box_k: &DMatrix<f64>) -> Option<Primal> {
-        let values = r.symmetric_eigenvalues();
-        if values.min() < FLOOR * values.mean() {
-            return None;
-        }
-        let joint = Joint::new(self.core, p, r)?;
+        let joint = self.joint(p, r)?;
         let ratio = joint.ratio(box_k);
         let moved = joint.q.diagonal() / ratio;
         Some(Primal { p: p.clone(), r: r.clone(), q: joint.q, ratio, moved })
+    }
+
+    fn joint(&self, p: &DMatrix<f64>, r: &DMatrix<f64>) -> Option<Joint<'a>> {
+        let values = r.symmetric_eigenvalues();
+        if values.min() < FLOOR * values.mean() { None } else { Joint::new(self.core, p, r) }
+    }
+
+    /// The relative change of K up to which weights remain definite, by the certificate that proves them.
+    pub(super) fn change(&self, p: &DMatrix<f64>, r: &DMatrix<f64>) -> Option<f64> {
+        let is_clear = |found: Option<Primal>| found.is_some_and(|found| found.ratio > CLEAR);
+        if is_clear(self.check_forms(p, r, &self.core.rounding.k)) {
+            return distance::largest(self.core, |box_k| is_clear(self.check_forms(p, r, box_k)));
+        }
+        let joint = self.joint(p, r)?;
+        distance::largest(self.core, |box_k| joint.ratio(box_k) > CLEAR)
     }
 
     /// How far P and R are from exact ones for K, or for a gain within its rounding.
@@ -401,7 +417,7 @@ impl<'a> DualTest<'a> {
             Some(margin / (m * 2.0 * found.omega.norm() * (moved.norm() + own)))
         };
         let own = ratio(&self.core.rounding.k).filter(|ratio| *ratio > CLEAR)?;
-        let change = super::distance::largest(self.core, |box_k| ratio(box_k).is_some_and(|ratio| ratio > CLEAR));
+        let change = distance::largest(self.core, |box_k| ratio(box_k).is_some_and(|ratio| ratio > CLEAR));
         Some(Coupling { ratio: own, change, ..found })
     }
 }

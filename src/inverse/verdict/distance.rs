@@ -1,6 +1,6 @@
 //! How far a gain is from the boundary: by a relative change of K, and by a factor on the whole gain.
 
-use super::certificate::{CLEAR, DualTest, Prepared, PrimalTest};
+use super::certificate::{CLEAR, DualTest, Prepared};
 use crate::control::lyapunov::Clock;
 use crate::inverse::reach::Core;
 use crate::num::linalg;
@@ -29,12 +29,6 @@ pub(super) fn largest(core: &Core, holds: impl Fn(&DMatrix<f64>) -> bool) -> Opt
         if at(middle) { low = middle } else { high = middle }
     }
     Some(low)
-}
-
-/// The change up to which weights remain definite.
-pub(super) fn primal(core: &Core, p: &DMatrix<f64>, r: &DMatrix<f64>) -> Option<f64> {
-    let test = PrimalTest::new(core)?;
-    largest(core, |box_k| test.check_within(p, r, box_k).is_some_and(|found| found.ratio > CLEAR))
 }
 
 /// The change up to which a multiplier still proves that there are none.

@@ -11,11 +11,11 @@
 //! here both move by little.
 
 use crate::control::lyapunov::{Clock, Lyapunov};
-use crate::convex::svec::{length, smat};
+use crate::convex::svec::{length, smat, svec};
 use crate::inverse::reach::Core;
 use crate::inverse::rounding::UNIT;
 use crate::inverse::space::state_weight;
-use crate::num::linalg;
+use crate::num::linalg::{self, symmetric};
 use nalgebra::{DMatrix, DVector};
 
 /// Entries of the gain up to which the equality is decomposed.
@@ -85,20 +85,21 @@ impl<'a> Joint<'a> {
         let equation = Lyapunov::new(&closed, *clock).ok()?;
         let (of_q, of_r) = (length(n), length(m));
         let mut map = DMatrix::zeros(m * n, of_q + of_r);
-        for at in 0..of_q + of_r {
-            let unit = |at: usize, order: usize, root: &DMatrix<f64>| {
-                let mut entries = vec![0.0; length(order)];
-                entries[at] = 1.0;
-                root * smat(&entries, order) * root.transpose()
-            };
-            let column = if at < of_q {
-                shifted(&b.tr_mul(&equation.solve(&unit(at, n, &root_q))))
-            } else {
-                let change = unit(at - of_q, m, &root_r);
-                let by_gain = &change * k;
-                shifted(&b.tr_mul(&equation.solve(&k.tr_mul(&by_gain)))) - by_gain
-            };
-            map.set_column(at, &DVector::from_column_slice(column.as_slice()));
+        let right = match clock {
+            Clock::Continuous => DMatrix::identity(n, n),
+            Clock::Sampled => closed.clone(),
+        };
+        for (row, (i, j)) in (0..n).flat_map(|j| (0..m).map(move |i| (i, j))).enumerate() {
+            // Entry (i, j) of BᵀΔPM is ⟨G, ΔP⟩, and ΔP solves the equation of the loop: the adjoint solves it for G.
+            let entry = b.column(i) * right.column(j).transpose();
+            let y = equation.solve_adjoint(&symmetric(&entry));
+            map.view_mut((row, 0), (1, of_q)).copy_from(&svec(&symmetric(&(root_q.tr_mul(&y) * &root_q))).transpose());
+            let mut of_weight = k * &y * k.transpose();
+            for at in 0..m {
+                of_weight[(i, at)] -= k[(at, j)];
+            }
+            let own = root_r.tr_mul(&symmetric(&of_weight)) * &root_r;
+            map.view_mut((row, of_q), (1, of_r)).copy_from(&svec(&symmetric(&own)).transpose());
         }
         let missing = residual + evaluated + through;
         // In units of what is to be taken up, so that the decomposition resolves every row of it.

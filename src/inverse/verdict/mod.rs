@@ -247,7 +247,7 @@ fn several_inputs(reach: &Reach, ctl: &Ctl) -> Result<Decision, DecisionError> {
             let Primal { p, r, q, ratio, .. } = &found;
             let evidence = Evidence::Weights { p: reach.state_weight(p), r: reach.input_weight(r) };
             let mut decision = Decision::new(Verdict::Feasible, evidence, Some(*ratio));
-            decision.relative_change = distance::primal(core, p, r);
+            decision.relative_change = PrimalTest::new(core).and_then(|test| test.change(p, r));
             decision.weights = Some((q.clone(), r.clone()));
             decision
         }
