@@ -9,7 +9,7 @@
 //! `ρ tr T + m(1 − ρ)λ_min(T) > 0`, no Q ⪰ 0 goes with any `R ⪰ ρI` of trace m.
 
 use super::distance;
-use super::joint::Joint;
+use super::giving::{Giving, Response};
 use crate::control::lyapunov::{Clock, Lyapunov};
 use crate::convex::svec;
 use crate::inverse::reach::Core;
@@ -114,7 +114,12 @@ impl<'a> PrimalTest<'a> {
         if found.as_ref().is_some_and(|found| found.ratio > CLEAR) {
             return found;
         }
-        found.into_iter().chain(self.check_joint(p, r, box_k)).max_by(|x, y| x.ratio.total_cmp(&y.ratio))
+        let other = self.giving(p, r, box_k).map(|(giving, response)| {
+            let ratio = giving.ratio(&response, box_k);
+            let moved = giving.q.diagonal() / ratio;
+            Primal { p: p.clone(), r: r.clone(), q: giving.q, ratio, moved }
+        });
+        found.into_iter().chain(other).max_by(|x, y| x.ratio.total_cmp(&y.ratio))
     }
 
     fn check_forms(&self, p: &DMatrix<f64>, r: &DMatrix<f64>, box_k: &DMatrix<f64>) -> Option<Primal> {
@@ -122,17 +127,26 @@ impl<'a> PrimalTest<'a> {
         found.max_by(|x, y| x.ratio.total_cmp(&y.ratio))
     }
 
-    /// The same with Q and R giving way together.
-    fn check_joint(&self, p: &DMatrix<f64>, r: &DMatrix<f64>, box_k: &DMatrix<f64>) -> Option<Primal> {
-        let joint = self.joint(p, r)?;
-        let ratio = joint.ratio(box_k);
-        let moved = joint.q.diagonal() / ratio;
-        Some(Primal { p: p.clone(), r: r.clone(), q: joint.q, ratio, moved })
-    }
-
-    fn joint(&self, p: &DMatrix<f64>, r: &DMatrix<f64>) -> Option<Joint<'a>> {
+    /// The weights as they give way direction by direction: with R held where that proves them, and otherwise jointly.
+    fn giving(&self, p: &DMatrix<f64>, r: &DMatrix<f64>, box_k: &DMatrix<f64>) -> Option<(Giving<'a>, Response)> {
         let values = r.symmetric_eigenvalues();
-        if values.min() < FLOOR * values.mean() { None } else { Joint::new(self.core, p, r) }
+        if values.min() < FLOOR * values.mean() {
+            return None;
+        }
+        let giving = Giving::new(self.core, p, r)?;
+        // With R held only for a gain of the box: else P would have to be what no symmetric matrix is.
+        let is_there = || {
+            let (standing, _) = self.standing(self.forms.first()?, p, r)?;
+            (standing.moved == 0.0).then_some(())
+        };
+        let held = is_there().and_then(|()| giving.held());
+        match held {
+            Some(held) if giving.ratio(&held, box_k) > CLEAR => Some((giving, held)),
+            held => {
+                let response = giving.joint().or(held)?;
+                Some((giving, response))
+            }
+        }
     }
 
     /// The relative change of K up to which weights remain definite, by the certificate that proves them.
@@ -141,8 +155,8 @@ impl<'a> PrimalTest<'a> {
         if is_clear(self.check_forms(p, r, &self.core.rounding.k)) {
             return distance::largest(self.core, |box_k| is_clear(self.check_forms(p, r, box_k)));
         }
-        let joint = self.joint(p, r)?;
-        distance::largest(self.core, |box_k| joint.ratio(box_k) > CLEAR)
+        let (giving, response) = self.giving(p, r, &self.core.rounding.k)?;
+        distance::largest(self.core, |box_k| giving.ratio(&response, box_k) > CLEAR)
     }
 
     /// How far P and R are from exact ones for K, or for a gain within its rounding.

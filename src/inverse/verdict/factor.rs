@@ -13,8 +13,9 @@ use crate::inverse::verdict::reduced::Reduced;
 
 /// Entries of the gain up to which it is looked for: each step is a verdict of its own.
 pub(super) const ENTRIES: usize = 36;
-/// Halvings or doublings at most.
-const DOUBLINGS: i32 = 20;
+/// Factors that are tried are exp(±0.02), and the exponent doubles up to 10.
+const FIRST: f64 = 0.02;
+const STEPS: i32 = 10;
 /// How well it is found, relative.
 const PRECISION: f64 = 1e-3;
 
@@ -35,28 +36,27 @@ fn verdict_at(core: &Core, c: f64, ctl: &Ctl) -> Result<Verdict, DecisionError> 
     })
 }
 
-/// c* to a thousandth, where the gain itself has this verdict; `None` where no factor among the powers of two up to a
-/// million either way is certified, or the certificates of both sides leave a wider gap.
+/// c* to a thousandth, where the gain itself has this verdict; `None` where no factor that is tried is certified, or the
+/// certificates of both sides leave a wider gap.
 pub(super) fn several_inputs(core: &Core, own: Verdict, ctl: &Ctl) -> Result<Option<f64>, DecisionError> {
+    let steps = || (0..STEPS).map(|step| (FIRST * 2f64.powi(step)).exp());
     let mut high = (own == Verdict::Feasible).then_some(1.0);
-    let powers = (1..=DOUBLINGS).flat_map(|power| [2f64.powi(power), 2f64.powi(-power)]);
-    for c in powers {
+    for c in steps().flat_map(|c| [c, 1.0 / c]) {
         if high.is_some() {
             break;
         }
         high = (verdict_at(core, c, ctl)? == Verdict::Feasible).then_some(c);
     }
-    let Some(mut high) = high else { return Ok(None) };
-    let mut low = None;
-    for _ in 0..=DOUBLINGS {
-        let c = 0.5 * high;
+    let Some(start) = high else { return Ok(None) };
+    let (mut low, mut high) = (None, start);
+    for c in steps().map(|c| start / c) {
         match verdict_at(core, c, ctl)? {
             Verdict::Feasible => high = c,
             Verdict::Infeasible => {
                 low = Some(c);
                 break;
             }
-            Verdict::Boundary => return Ok(None),
+            Verdict::Boundary => {}
         }
     }
     let Some(mut low) = low else { return Ok(None) };

@@ -11,7 +11,7 @@
 mod certificate;
 mod distance;
 mod factor;
-mod joint;
+mod giving;
 mod kalman;
 mod plane;
 mod reduced;
