@@ -18,6 +18,7 @@ mod prediction_error;
 mod response;
 mod response_doubts;
 mod response_leakage;
+mod simulate;
 mod ssid_appendix_b;
 mod ssid_coverage;
 mod ssid_delayed;
