@@ -31,3 +31,4 @@ mod ssid_refine;
 mod ssid_search;
 mod ssid_virtual;
 mod two_stimulus;
+mod two_stimulus_regularised;
