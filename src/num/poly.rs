@@ -95,8 +95,8 @@ impl Polynomial {
         Self::new(product)
     }
 
-    /// Quotient and remainder of the division by a polynomial that is not zero: `self = quotient · divisor + remainder`,
-    /// the remainder of lower degree than the divisor (zero where that is a constant).
+    /// Quotient and remainder of the division by a polynomial that is not zero: `self = quotient · divisor +
+    /// remainder`, the remainder of lower degree than the divisor (zero where that is a constant).
     #[must_use]
     pub(crate) fn divided_by(&self, divisor: &Self) -> (Self, Self) {
         let steps = (self.0.len() + 1).saturating_sub(divisor.0.len());

@@ -7,8 +7,8 @@
 //! - inverse dynamics: `Gff = K_ff G⁻¹ · e^{−τ_ff s}/(T_ff s + 1)`,
 //! - rational: `N(s)/D(s) · e^{−τ s}` of given degrees, D with all its roots in the left half plane,
 //! - neuromuscular lag: `1/(T_n s + 1)`,
-//! - neuromuscular system of second order: `ω_n²/(s² + 2 ζ ω_n s + ω_n²)`, an arm on a stick with its reflexes (McRuer &
-//!   Jex 1967; van der El et al., IEEE Trans. Cybern. 46, 1496–1508, 2016).
+//! - neuromuscular system of second order: `ω_n²/(s² + 2 ζ ω_n s + ω_n²)`, an arm on a stick with its reflexes (McRuer
+//!   & Jex 1967; van der El et al., IEEE Trans. Cybern. 46, 1496–1508, 2016).
 //!
 //! Controllers are continuous whatever the plant is; a sampled plant meets them at `s = jω`, `z = e^{jωT}`.
 
@@ -351,8 +351,8 @@ impl Structure {
         }
     }
 
-    /// The rungs of the ladder: error feedback; with feedforward; with a neuromuscular lag; with a neuromuscular system of
-    /// second order in its place.
+    /// The rungs of the ladder: error feedback; with feedforward; with a neuromuscular lag; with a neuromuscular system
+    /// of second order in its place.
     #[must_use]
     pub fn ladder() -> [Self; 4] {
         [(false, Muscles::None), (true, Muscles::None), (true, Muscles::Lag), (true, Muscles::SecondOrder)]

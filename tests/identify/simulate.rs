@@ -271,21 +271,31 @@ fn mean_abs_error(inputs: Value) -> f64 {
 /// The strategies of Zhang 2015, figures 3.4 and 5.10 to 5.12, with the errors in the order that section 5.5 states.
 #[test]
 fn strategies_of_the_thesis() {
-    let chirp = |section: &str, step: f64| json!({"generator": {"kind": "chirp", "preset": format!("zhang2015_section_{section}")}, "sample_time_s": step});
-    let five = |plant: &str, name: &str, controller: Value| json!({"plant": plant, name: controller, "command": chirp("5_2", STEP)});
-    let three =
-        |name: &str, controller: Value| json!({"plant": "two_mass", name: controller, "command": chirp("3_2", STEP)});
+    let chirp = |section: &str| {
+        let preset = format!("zhang2015_section_{section}");
+        json!({"generator": {"kind": "chirp", "preset": preset}, "sample_time_s": STEP})
+    };
+    let five = |plant: &str, name: &str, controller: Value| {
+        let mut inputs = json!({"plant": plant, "command": chirp("5_2")});
+        inputs[name] = controller;
+        inputs
+    };
+    let three = |name: &str, controller: Value| {
+        let mut inputs = json!({"plant": "two_mass", "command": chirp("3_2")});
+        inputs[name] = controller;
+        inputs
+    };
     // Figure 3.4: high gain, and 900 G⁻¹/(s + 30)² of the two masses.
     let g = catalogue::two_mass();
     let den = g.num().mul(&volition::num::Polynomial::new(vec![1.0, 60.0, 900.0]));
     let inverse = json!({"num": g.den().scale(900.0).coefficients(), "den": den.coefficients()});
-    let alone = mean_abs_error(json!({"plant": "two_mass", "command": chirp("3_2", STEP)}));
+    let alone = mean_abs_error(json!({"plant": "two_mass", "command": chirp("3_2")}));
     for small in [three("feedback", json!({"num": [30], "den": [1]})), three("feedforward", inverse)] {
         assert!(mean_abs_error(small) < 0.25 * alone);
     }
-    // Figure 5.10, on the minimum-phase plant: Gfb = 30, and 50 G⁻¹/(s + 50). Figure 5.11, on the nonminimum-phase plant:
-    // a gain, and a feedforward of second order. Figure 5.12: controllers of fourth order. Beside each the mean |e| of the
-    // command's Fourier transform times (1 − Gff G)/(1 + Gfb G), computed apart from this program in double precision.
+    // Figure 5.10, on the minimum-phase plant: Gfb = 30, and 50 G⁻¹/(s + 50). Figure 5.11, on the nonminimum-phase
+    // plant: a gain, and a feedforward of second order. Figure 5.12: controllers of fourth order. Beside each the mean
+    // |e| of the command's Fourier transform times (1 − Gff G)/(1 + Gfb G), computed apart from this program.
     let times = |factors: &[&[f64]], gain: f64| {
         let one = volition::num::Polynomial::new(vec![gain]);
         let product = factors.iter().fold(one, |p, f| p.mul(&volition::num::Polynomial::new(f.to_vec())));
@@ -298,7 +308,7 @@ fn strategies_of_the_thesis() {
     });
     let fourth_feedforward = json!({
         "num": times(&[&[1.0, 2.91, 2.88], &[1.0, 3.37, 13.21]], 4.69e4),
-        "den": times(&[&[1.0, 40.0]; 4], 1.0),
+        "den": times(&[&[1.0, 40.0], &[1.0, 40.0], &[1.0, 40.0], &[1.0, 40.0]], 1.0),
     });
     let second = json!({"num": [742.8, 1025.9, 1597.4], "den": [1, 2, 2500]});
     let inverse = json!({"num": [25, 90, 100], "den": [1, 52.2, 110]});
@@ -307,9 +317,7 @@ fn strategies_of_the_thesis() {
         (five("minimum_phase", "feedforward", inverse), 0.039_924_94),
         (gain("nonminimum_phase", -0.0535), 1.218_162_3),
         (five("nonminimum_phase", "feedforward", second), 0.514_963_56),
-        (five("nonminimum_phase", "feedback", fourth_feedback), 0.182_990_97),
-        (five("nonminimum_phase", "feedforward", fourth_feedforward), 0.251_088_38),
-        (json!({"plant": "nonminimum_phase", "command": chirp("5_2", STEP)}), 1.223_751_7),
+        (json!({"plant": "nonminimum_phase", "command": chirp("5_2")}), 1.223_751_7),
     ]
     .into_iter()
     .map(|(inputs, expected)| {
@@ -318,11 +326,23 @@ fn strategies_of_the_thesis() {
         found
     })
     .collect();
-    // What section 5.5 says of them: the same sort of control does worse on the nonminimum-phase plant, and better with
-    // controllers of higher order.
-    let [high_gain, inverse, low_gain, second, fourth_feedback, fourth_feedforward] = errors[..6] else { panic!() };
-    assert!(low_gain > fourth_feedback && fourth_feedback > high_gain);
-    assert!(second > fourth_feedforward && fourth_feedforward > inverse);
+    // The feedforward of fourth order has a gain of 47,000 far above the band: 0.02 s between samples are too many for
+    // it, which is said. What section 5.5 says of the others: the same sort of control does worse on the
+    // nonminimum-phase plant, and better with controllers of higher order.
+    let mut fast = five("nonminimum_phase", "feedforward", fourth_feedforward);
+    let coarse = report(fast.clone(), json!({"every": 100}));
+    assert!(coarse.warnings.iter().any(|w| w.code == "kinks_between_samples"), "{:?}", coarse.warnings);
+    fast["command"]["sample_time_s"] = json!(0.002);
+    let fine = report(fast, json!({"every": 100}));
+    assert!(fine.warnings.is_empty(), "{:?}", fine.warnings);
+    let of = |report: &Report| report.result["metrics"]["mean_abs_error"].as_f64().unwrap();
+    assert!((of(&fine) / 0.248_711_78 - 1.0).abs() < 1e-4, "{}", of(&fine));
+    let [high_gain, inverse, low_gain, second] = errors[..4] else { panic!("five errors") };
+    assert!(low_gain > high_gain && second > of(&fine) && of(&fine) > inverse);
+    // The feedback of fourth order, with the digits that are printed, loses the plant: s⁴ of its loop has the
+    // coefficient 2.98e8 − 2 · 1.99e8 < 0.
+    let problem = refused(five("nonminimum_phase", "feedback", fourth_feedback));
+    assert!(problem.detail.contains("is unstable: it has a pole at s = 9700.99"), "{problem}");
     // A gain as high as on the other plant loses this one, and is refused by the pole on the right.
     let problem = refused(gain("nonminimum_phase", 30.0));
     assert_eq!(problem.location.as_deref(), Some("/inputs/feedback"));
@@ -357,7 +377,7 @@ fn the_direct_method_finds_the_simulated_controllers() {
     }
 }
 
-/// Simulated in sampled time without noise, and searched for in a pool that holds the controllers: the search finds them.
+/// Simulated in sampled time without noise, and searched for in a pool that holds the controllers: they are found.
 #[test]
 fn the_pool_finds_the_simulated_controllers() {
     let time = Discrete::new(STEP).unwrap();

@@ -24,7 +24,7 @@ use super::kind::Kind;
 use super::problem::{Code, Problem};
 use super::report::Warning;
 use crate::ctl::{Ctl, Phase};
-use crate::num::stats::accounted_for;
+use crate::num::stats::{accounted_for, mean};
 use crate::simulate::closed_loop::{Simulator, SimulatorError};
 use assembly::Assembly;
 pub use inputs::{NoiseInput, NoiseSource, SimulateInputs, SimulatedPlant, StimulusInput};
@@ -35,6 +35,12 @@ pub use result::{
 };
 use serde_json::Value;
 pub use spec::SimulateSpec;
+
+/// Of more than this share of the mean error, what stimuli do between their samples deserves a warning.
+const KINKS: f64 = 0.01;
+
+/// What counts as rounding beside the peak of y.
+const ROUNDING: f64 = 1e-6;
 
 /// Samples of a signal that are shown at most.
 const MOST_SHOWN: usize = 100_000;
@@ -49,8 +55,8 @@ pub struct Plan {
 impl Analysis for Plan {
     const KIND: Kind = Kind::named("simulate");
     const TITLE: &'static str = "Simulation of a person and a plant";
-    const SUMMARY: &'static str = "What a person with given controllers does on a plant: the signals of the closed loop \
-        with delays, preview, noise and an initial state under a command that is made, given or was recorded; the \
+    const SUMMARY: &'static str = "What a person with given controllers does on a plant: the signals of the closed \
+        loop with delays, preview, noise and an initial state under a command that is made, given or was recorded; the \
         metrics of a trial with their spread over the noise, step and free responses, and the frequency responses of \
         all parts (Zhang 2015, sections 3.4 and 5.5).";
     const RESULT_VERSION: u32 = 1;
@@ -109,6 +115,8 @@ impl Analysis for Plan {
             );
             warnings.push(Warning::new("simulation_not_converged", message));
         }
+        let between_samples = responses::between_samples(&assembly, &noiseless.output, ctl)?;
+        warnings.extend(kinks(&assembly, &noiseless.output, between_samples));
         let count = if draw.is_noisy { self.spec.realisations } else { 0 };
         realisations::affordable(count, &simulator)?;
         let signals = if count == 0 {
@@ -144,6 +152,7 @@ impl Analysis for Plan {
                 steps_of_a_sample: simulator.steps_of_a_sample(),
                 output: error.output,
                 control: error.control,
+                between_samples,
             },
             metrics,
             without_interval: spread.is_none().then(|| {
@@ -199,6 +208,22 @@ fn recorded(assembly: &Assembly, signals: &Signals) -> Option<RecordedResult> {
     Some(RecordedResult {
         accounted_for_u: signals.control.as_ref().and_then(|found| accounted_for(&u[..samples], found)),
         accounted_for_y: accounted_for(&y[..samples], &signals.output),
+    })
+}
+
+/// A warning where what the command does between its samples counts.
+fn kinks(assembly: &Assembly, output: &[f64], between_samples: Option<f64>) -> Option<Warning> {
+    let moved = between_samples?;
+    let errors: Vec<f64> = assembly.command.iter().zip(output).map(|(r, y)| (r - y).abs()).collect();
+    let error = mean(&errors)?;
+    let peak = output.iter().fold(0.0_f64, |peak, y| peak.max(y.abs()));
+    (moved > KINKS * error && moved > ROUNDING * peak).then(|| {
+        let message = format!(
+            "if the stimuli were smooth and not straight between their samples, y would move by {moved:.2e} in the \
+             mean, {:.1} % of the mean error: the controllers amplify what is faster than the samples",
+            100.0 * moved / error
+        );
+        Warning::new("kinks_between_samples", message)
     })
 }
 

@@ -1,13 +1,15 @@
 //! What a loop answers to a step, from an initial state, and to sinusoids.
 
+use super::assembly::Assembly;
 use super::result::{FreeResponse, FrequencyResponses, StepResponse, gain_and_phase};
 use crate::analysis::problem::{Code, Problem};
 use crate::control::bode::log_grid;
 use crate::control::{Continuous, Discrete, System, TransferFunction};
-use crate::ctl::Ctl;
+use crate::ctl::{Ctl, Stopped};
 use crate::learning::bode::Response;
 use crate::learning::frequency_domain::{ControllerMetrics, controller_metrics_of};
 use crate::num::Complex64;
+use crate::num::stats::mean;
 use crate::simulate::closed_loop::{ClosedLoop, Delays, Drive, LoopResponses, Simulator, SimulatorError};
 use std::f64::consts::TAU;
 
@@ -43,6 +45,31 @@ fn times(samples: usize, time: Discrete) -> Vec<f64> {
 /// How many samples of a command give so many of an answer, with what is only seen ahead of time.
 fn with_preview(closed: &ClosedLoop, samples: usize, time: Discrete) -> usize {
     samples + (closed.delays().preview_s / time.period_s()).ceil() as usize + 1
+}
+
+/// By how much y would move, mean over the samples, if stimuli were smooth between their samples and not straight: a
+/// third of what leaving out every second sample does. `None` in sampled time, and where that cannot be told.
+///
+/// # Errors
+/// [`Stopped`].
+pub(super) fn between_samples(assembly: &Assembly, output: &[f64], ctl: &Ctl) -> Result<Option<f64>, Stopped> {
+    let Assembly { closed, time, command, disturbance, initial, .. } = assembly;
+    let Ok(twice) = Discrete::new(2.0 * time.period_s()) else { return Ok(None) };
+    if closed.plant().sample_time_s().is_some() {
+        return Ok(None);
+    }
+    let thin = |x: &[f64]| -> Vec<f64> { x.iter().step_by(2).copied().collect() };
+    let (command, disturbance) = (thin(command), thin(disturbance));
+    let drive = Drive { command: &command, disturbance: &disturbance, initial, ..Drive::default() };
+    let coarse = Simulator::new(closed, twice, command.len()).and_then(|mut simulator| simulator.refine(&drive, ctl));
+    let coarse = match coarse {
+        Ok((found, _)) => found.output,
+        Err(SimulatorError::Stopped(stopped)) => return Err(stopped),
+        // A delay that a sample of twice the length does not resolve, or a command of three samples.
+        Err(_) => return Ok(None),
+    };
+    let moved: Vec<f64> = coarse.iter().zip(output.iter().step_by(2)).map(|(a, b)| (a - b).abs() / 3.0).collect();
+    Ok(mean(&moved))
 }
 
 /// The answers of loop and plant to unit steps.

@@ -93,6 +93,9 @@ pub struct NumericalErrorResult {
     pub output: f64,
     /// The same of u, in units of u.
     pub control: f64,
+    /// By how much y would move, mean over the samples, if stimuli were smooth between their samples and not straight,
+    /// in units of y: a third of what leaving out every second sample does. Null in sampled time.
+    pub between_samples: Option<f64>,
 }
 
 /// How a metric spreads over draws of the noise.

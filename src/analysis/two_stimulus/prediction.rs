@@ -134,8 +134,8 @@ pub struct PredictedLine {
     pub y: [f64; 2],
     /// The recorded amplitude of the control, in units of u.
     pub recorded_u: [f64; 2],
-    /// The radius of the circle about `u` in which the recorded amplitude lies with 95 %, with the noise of the line, in
-    /// units of u; null where that noise is not known.
+    /// The radius of the circle about `u` in which the recorded amplitude lies with 95 %, with the noise of the line,
+    /// in units of u; null where that noise is not known.
     pub radius_95: Option<f64>,
 }
 

@@ -6,11 +6,11 @@
 //! straight between them, with an error of the square of the step. Steps divide the sample time such that delays are
 //! whole steps, where that takes no more than [`MOST_ALIGNED`] of them.
 //!
-//! A controller with more zeros than poles is its polynomial part, which goes through the plant (`N P/D`, proper), and a
-//! proper rest; its control has no samples.
+//! A controller with more zeros than poles is its polynomial part, which goes through the plant (`N P/D`, proper), and
+//! a proper rest; its control has no samples.
 
+use super::closed::{ClosedLoop, Delays};
 use super::simulator::{Drive, Simulated, SimulatorError, sample};
-use super::{ClosedLoop, Delays};
 use crate::control::conversion;
 use crate::control::discretise::Propagation;
 use crate::control::simulate::SimulationError;

@@ -1,7 +1,7 @@
 //! The loop in sampled time: three filters in doubled precision, the direct paths solved for within each sample.
 
+use super::closed::{ClosedLoop, Delays};
 use super::simulator::{Drive, Simulated, SimulatorError, sample};
-use super::{ClosedLoop, Delays};
 use crate::control::double_double::DoubleDouble;
 use crate::control::simulate::{DelayLine, SimulationError};
 use crate::control::{Discrete, System, TransferFunction};

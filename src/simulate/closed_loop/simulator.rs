@@ -1,6 +1,6 @@
 //! Runs a loop, and refines the steps of a loop with delays until they no longer matter.
 
-use super::ClosedLoop;
+use super::closed::ClosedLoop;
 use super::continuous::Continuous;
 use super::sampled::Sampled;
 use crate::control::Discrete;

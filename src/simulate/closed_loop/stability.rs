@@ -1,6 +1,6 @@
 //! Whether the loop is stable, judged with its delay, and by which pole it is not.
 
-use super::{ClosedLoop, Part};
+use super::closed::{ClosedLoop, Part};
 use crate::control::delay::{DelayError, largest_real_part, roots_right_of};
 use crate::control::{System, TimeBase, stability};
 use crate::num::Polynomial;

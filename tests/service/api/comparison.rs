@@ -133,8 +133,8 @@ async fn what_makes_no_sense_is_refused_by_name() {
     server.finish().await;
 }
 
-/// Of four people none is the median: the lower of the middle two is shown with its first and last trials, by number and
-/// with signals, and the other one is named.
+/// Of four people none is the median: the lower of the middle two is shown with its first and last trials, by number
+/// and with signals, and the other one is named.
 #[tokio::test]
 async fn the_median_subject_comes_with_its_first_and_last_trial_in_one_request() {
     let server = TestServer::start().await;
