@@ -146,7 +146,7 @@ pub fn study_median_subjects(
 }
 
 fn group_median(cell: &Cell, choice: &MedianChoice, options: &CurveOptions, remarks: &mut Vec<Remark>) -> GroupMedian {
-    let shown = |trials: &[&'_ TrialInput]| -> Vec<usize> {
+    let shown = |trials: &[&TrialInput]| -> Vec<usize> {
         (0..trials.len()).filter(|i| options.include_divergent || !trials[*i].divergent).collect()
     };
     let point_of = |trials: &[&TrialInput], i: usize| point(trials[i], i + 1, cell.spec.as_ref(), options.estimator);

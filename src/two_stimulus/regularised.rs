@@ -13,8 +13,8 @@
 //!
 //! What is known of both deviations at a frequency is Gaussian too, given the law and the sizes: a mean and a 2×2
 //! covariance, those of `H_ur` and `H_ud` of a group, or of all trials (without the part of any group). The controllers
-//! follow, `Gfb = −H_ud/(G (1 + H_ud))`, `Gff = H_ur/(1 + H_ud) − Gfb`, with variances to first order. They are analytic
-//! in the responses, so that a circular error stays circular.
+//! follow, `Gfb = −H_ud/(G (1 + H_ud))`, `Gff = H_ur/(1 + H_ud) − Gfb`, with variances to first order. They are
+//! analytic in the responses, so that a circular error stays circular.
 
 use super::fit::{Band, Fitted};
 use super::responses::{UD, UR};

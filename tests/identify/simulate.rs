@@ -115,7 +115,7 @@ fn unstable_loops_are_named_by_their_pole() {
         ClosedLoop::new(continuous(&[1.0], &[1.0, 0.0]), none.clone(), continuous(&[k], &[1.0]), delays).unwrap();
     let Err(Unstable::Pole { part: None, pole }) = closed.slowest_pole() else { panic!("it is unstable") };
     let s = Complex64::new(pole.rate_per_s, pole.frequency_rad_s.unwrap());
-    assert!((s + k * (-s * 0.2).exp()).norm() < 1e-6 && s.re > 0.5, "{s}");
+    assert!((s + k * (-s * 0.2).exp()).norm() < 1e-6 && s.re > 0.4, "{s}");
     // Just below the limit kτ = π/2 it is stable, with a pole near j k.
     let k = std::f64::consts::FRAC_PI_2 / 0.2 * 0.999;
     let closed = ClosedLoop::new(continuous(&[1.0], &[1.0, 0.0]), none, continuous(&[k], &[1.0]), delays).unwrap();

@@ -280,9 +280,9 @@ impl Continuous {
             let back = fed_back(k + 1, &output);
             let end = [now[0][0], now[1][0] - back[0], now[2][0]];
             next.gemv(1.0, &self.transition, &state, 0.0);
-            for j in 0..INPUTS {
-                next.axpy(start[j], &self.held.column(j), 1.0);
-                next.axpy(end[j] - start[j], &self.slope.column(j), 1.0);
+            for (j, (before, after)) in start.iter().zip(&end).enumerate() {
+                next.axpy(*before, &self.held.column(j), 1.0);
+                next.axpy(after - before, &self.slope.column(j), 1.0);
             }
             std::mem::swap(&mut state, &mut next);
         }
