@@ -24,6 +24,7 @@ pub mod registry;
 pub mod report;
 pub mod robust_input_design;
 pub mod samples;
+pub mod simulate;
 pub mod ssid;
 pub mod ssid_mimo;
 pub mod two_stimulus;

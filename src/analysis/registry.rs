@@ -35,6 +35,7 @@ kinds! {
     compensator_design,
     input_design,
     robust_input_design,
+    simulate,
 }
 
 /// A kind, for whoever lists, documents or dispatches them.

@@ -10,7 +10,7 @@ use super::studies::StudyPath;
 use crate::analysis::ids::StudyId;
 use crate::analysis::{Code, Problem};
 use crate::learning::bode::{frequency_grid, identified_band};
-use crate::learning::{StudyFrequencyResponses, TrialSelection, study_frequency_responses};
+use crate::learning::{StudyFrequencyResponses, SubjectInput, TrialSelection, study_frequency_responses};
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
@@ -38,6 +38,9 @@ pub(crate) struct ResponseQuery {
     /// How many frequencies, equally spaced.
     #[param(required = false, minimum = 1, maximum = 2000, default = 100)]
     points: usize,
+    /// Whether the responses of each subject are given too.
+    #[param(required = false, default = false)]
+    each_subject: bool,
 }
 
 impl FromQuery for ResponseQuery {
@@ -59,12 +62,37 @@ impl FromQuery for ResponseQuery {
             }
         }
         let points = query.integer("points", 1, MAX_POINTS)?.unwrap_or(DEFAULT_POINTS) as usize;
-        Ok(Self { trial: trial.unwrap_or_default(), omega_from_rad_s, omega_to_rad_s, points })
+        let each_subject = query.flag("each_subject")?;
+        Ok(Self { trial: trial.unwrap_or_default(), omega_from_rad_s, omega_to_rad_s, points, each_subject })
+    }
+}
+
+/// The frequencies asked for, or those of the band that was identified; none where neither says.
+///
+/// # Errors
+/// Where the lowest lies above the highest.
+pub(super) fn grid(
+    subjects: &[SubjectInput],
+    [from, to]: [Option<f64>; 2],
+    points: usize,
+) -> Result<Vec<f64>, Problem> {
+    let band = identified_band(subjects);
+    let from = from.or(band.map(|(from, _)| from));
+    let to = to.or(band.map(|(_, to)| to));
+    match (from, to) {
+        // One frequency repeated would be no grid.
+        (Some(from), Some(to)) if from <= to => Ok(frequency_grid((from, to), if from < to { points } else { 1 })),
+        (Some(from), Some(to)) => {
+            Err(Problem::new(Code::Invalid, "no frequencies", format!("{from} rad/s lies above {to} rad/s"))
+                .at("query parameter omega_from_rad_s")
+                .mend("Give a lowest frequency below the highest one."))
+        }
+        _ => Ok(Vec::new()),
     }
 }
 
 /// Mean and standard deviation over each group's subjects of the identified feedforward, feedback, feedforward times
-/// plant and closed loop, frequency by frequency, with trimmed versions.
+/// plant and closed loop, frequency by frequency, with trimmed versions, beside those of the plant and its inverse.
 #[utoipa::path(get, path = "/v1/studies/{study}/frequency-responses", tag = "learning",
     operation_id = "read_study_frequency_responses",
     params(StudyPath, GroupQuery, CurveQuery, ResponseQuery, IfNoneMatch),
@@ -83,24 +111,10 @@ pub(crate) async fn of_study(
     state.store.study(id).await?;
     let mut gathered = gather(&state, id, None, group, &query).await?;
     let (subjects, options) = (gathered.subjects, query.options());
-    let ResponseQuery { trial, omega_from_rad_s, omega_to_rad_s, points } = response;
-    let band = identified_band(&subjects);
-    let from = omega_from_rad_s.or(band.map(|(from, _)| from));
-    let to = omega_to_rad_s.or(band.map(|(_, to)| to));
-    let omega = match (from, to) {
-        (Some(from), Some(to)) if from <= to => {
-            // One frequency repeated would be no grid.
-            frequency_grid((from, to), if from < to { points } else { 1 })
-        }
-        (Some(from), Some(to)) => {
-            return Err(Problem::new(Code::Invalid, "no frequencies", format!("{from} rad/s lies above {to} rad/s"))
-                .at("query parameter omega_from_rad_s")
-                .mend("Give a lowest frequency below the highest one.")
-                .into());
-        }
-        _ => Vec::new(),
-    };
-    let mut responses = off_thread(move || study_frequency_responses(&subjects, trial, &omega, &options)).await?;
+    let ResponseQuery { trial, each_subject, .. } = response;
+    let omega = grid(&subjects, [response.omega_from_rad_s, response.omega_to_rad_s], response.points)?;
+    let answer = move || study_frequency_responses(&subjects, trial, &omega, &options, each_subject);
+    let mut responses = off_thread(answer).await?;
     responses.remarks.append(&mut gathered.remarks);
     etag::conditional(&headers, &responses)
 }

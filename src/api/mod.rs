@@ -23,6 +23,7 @@ mod kinds;
 mod learning_curves;
 mod learning_inputs;
 mod learning_reports;
+mod median_subjects;
 mod named;
 mod ops;
 mod plants;

@@ -4,8 +4,8 @@ use super::guard::guard;
 use super::problem::{HttpProblem, PROBLEM_JSON};
 use super::state::AppState;
 use super::{
-    analyses, comparison, docs, events, frequency_responses, kinds, learning_curves, ops, plants, samples, schema,
-    signals, studies, study_analyses, subjects, trials, upload,
+    analyses, comparison, docs, events, frequency_responses, kinds, learning_curves, median_subjects, ops, plants,
+    samples, schema, signals, studies, study_analyses, subjects, trials, upload,
 };
 use axum::Router;
 use serde_json::Value;
@@ -63,6 +63,7 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(learning_curves::of_study))
         .routes(routes!(comparison::of_study))
         .routes(routes!(frequency_responses::of_study))
+        .routes(routes!(median_subjects::of_study))
         .routes(routes!(ops::healthz))
         .routes(routes!(ops::readyz))
         .routes(routes!(ops::metrics))

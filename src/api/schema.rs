@@ -18,6 +18,7 @@ use super::upload::{UploadForm, Uploaded};
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Kind, Report, Request};
 use crate::jobs::Status;
+use crate::learning::median_subject::StudyMedianSubjects;
 use crate::learning::{StudyComparison, StudyFrequencyResponses, StudyLearningCurves, SubjectLearningCurve};
 use crate::trial::json::TrialDocument;
 use schemars::generate::SchemaSettings;
@@ -92,6 +93,7 @@ bodies! {
         Report,
         SignalsDocument,
         StudyComparison,
+        StudyMedianSubjects,
         StudyFrequencyResponses,
         StudyLearningCurves,
         StudyProgress,

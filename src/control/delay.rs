@@ -100,7 +100,7 @@ pub(crate) fn roots_right_of(d: &[f64], n: &[f64], delay: f64, margin: f64) -> R
     }
     let mut count = roots.iter().filter(|r| r.re > 0.0).count() as i64;
     let w = square_on_axis(d.coefficients()).add(&square_on_axis(n.coefficients()).scale(-1.0));
-    let slope = derivative(&w);
+    let slope = w.derivative();
     let Ok(squares) = w.roots() else { return Err(DelayError::NotFinite) };
     for square in squares {
         if square.re <= 0.0 || square.im.abs() > REAL * square.norm() {
@@ -126,12 +126,6 @@ pub(crate) fn roots_right_of(d: &[f64], n: &[f64], delay: f64, margin: f64) -> R
     }
     // A count below zero means that a double root of W was taken for one.
     Ok(usize::try_from(count).ok())
-}
-
-fn derivative(p: &Polynomial) -> Polynomial {
-    let degree = p.degree();
-    let terms = p.coefficients()[..degree].iter().enumerate().map(|(i, c)| c * (degree - i) as f64);
-    Polynomial::new(terms.collect::<Vec<_>>())
 }
 
 /// Whether every root of `D(s) + N(s) e^{−sτ}` has `Re s < −margin`, strictly; on the boundary to working precision it

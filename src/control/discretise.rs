@@ -66,7 +66,7 @@ pub enum DiscretiseError {
 pub const RESPONSE_TOLERANCE: f64 = 1e-4;
 
 /// What a state and its input become over one sample: `x⁺ = Φ x + Γ₀ u + Γ₁ (u⁺ − u)`.
-pub(super) struct Propagation {
+pub(crate) struct Propagation {
     /// Φ = e^{AT}, n×n.
     pub transition: DMatrix<f64>,
     /// Γ₀, n×m: the effect of an input that stays.

@@ -104,6 +104,20 @@ impl DelayLine {
         Ok(Self { num: padded, den: den.coefficients().to_vec(), states: vec![DoubleDouble::default(); den.degree()] })
     }
 
+    /// A filter whose output, with no input, begins with these samples: at most as many as it has states, zeros after
+    /// them.
+    pub(crate) fn starting_with(mut self, free: &[f64]) -> Self {
+        // With no input sᵢ(k + 1) = sᵢ₊₁(k) − aᵢ₊₁ y(k) and s₀(k) = a₀ y(k).
+        for i in 0..self.states.len() {
+            let mut state = DoubleDouble::default();
+            for (y, a) in free.iter().take(i + 1).zip(self.den[..=i].iter().rev()) {
+                state = state.add(DoubleDouble::from(*y).mul(*a));
+            }
+            self.states[i] = state;
+        }
+        self
+    }
+
     /// The direct gain from input to output within a sample.
     pub(crate) fn feedthrough(&self) -> f64 {
         self.num[0] / self.den[0]

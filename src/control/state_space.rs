@@ -190,9 +190,15 @@ impl<T: TimeBase> StateSpace<T> {
     /// Exact: no entry is rounded. Companion matrices need it before they are exponentiated or decomposed.
     #[must_use]
     pub fn balanced(&self) -> Self {
+        self.balancing().0
+    }
+
+    /// [`StateSpace::balanced`] with the scales s of its states: the state x of this model is `s ∘ x` of the other.
+    pub(crate) fn balancing(&self) -> (Self, Vec<f64>) {
         const MAX_SWEEPS: usize = 100;
         let mut balanced = self.clone();
         let n = self.states();
+        let mut scales = vec![1.0; n];
         for _ in 0..MAX_SWEEPS {
             let mut changed = false;
             for i in 0..n {
@@ -215,11 +221,12 @@ impl<T: TimeBase> StateSpace<T> {
                 balanced.c.column_mut(i).scale_mut(factor);
                 balanced.a.row_mut(i).scale_mut(1.0 / factor);
                 balanced.b.row_mut(i).scale_mut(1.0 / factor);
+                scales[i] *= factor;
             }
             if !changed {
                 break;
             }
         }
-        balanced
+        (balanced, scales)
     }
 }

@@ -3,6 +3,7 @@
 use crate::control::simulate::SimulationError;
 use crate::control::{Continuous, Discrete, System, TransferFunction};
 use crate::num::fourier::RealTransform;
+use crate::num::stats::accounted_for;
 use crate::person::two_degrees_of_freedom::{LoopResponse, TwoDegreesOfFreedom};
 use crate::trial::Trial;
 use num_complex::Complex64;
@@ -74,10 +75,10 @@ pub fn simulated_vaf(
         (System::Discrete(g), System::Discrete(ff), System::Discrete(fb)) => sampled(trial, g, ff, fb)?,
         _ => return Err(ValidationError::MixedTimeBases),
     };
-    let output = explained(&trial.signals.output, &response.output).ok_or(ValidationError::ConstantOutput)?;
+    let output = accounted_for(&trial.signals.output, &response.output).ok_or(ValidationError::ConstantOutput)?;
     let (control, control_unavailable) = match &response.control {
         None => (None, Some("the feedforward is improper, so the model's control is no function of time".to_owned())),
-        Some(simulated) => match explained(&trial.signals.control, simulated) {
+        Some(simulated) => match accounted_for(&trial.signals.control, simulated) {
             Some(share) => (Some(share), None),
             None => (None, Some("the recorded control is constant".to_owned())),
         },
@@ -139,16 +140,6 @@ fn sampled(
     Ok(system.simulate(&trial.signals.command, trial.signals.disturbance.as_deref())?)
 }
 
-/// The share explained; `None` where the recording does not vary.
-fn explained(recorded: &[f64], simulated: &[f64]) -> Option<f64> {
-    let mean = crate::num::stats::mean(recorded)?;
-    let variation: f64 = recorded.iter().map(|x| (x - mean).powi(2)).sum();
-    let missed: f64 = recorded.iter().zip(simulated).map(|(x, y)| (x - y).powi(2)).sum();
-    let share = 1.0 - missed / variation;
-    // Squares of a wild simulation may overflow; such a share is no number to report either.
-    (variation > 0.0 && share.is_finite()).then_some(share)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -192,16 +183,8 @@ mod tests {
             .map(|(i, x)| 0.5 * x + 20.0 * (std::f64::consts::TAU * 90.0 * i as f64 / 400.0).cos())
             .collect();
         assert!((explained_on(&slow, &wild, &(1..21)).unwrap() - 0.75).abs() < 1e-12);
-        assert!(explained(&slow, &wild).unwrap() < -100.0);
+        assert!(accounted_for(&slow, &wild).unwrap() < -100.0);
         assert_eq!(explained_on(&slow, &wild, &(30..40)), None);
-    }
-
-    #[test]
-    fn the_share_is_one_minus_missed_over_variation() {
-        assert_eq!(explained(&[1.0, 2.0, 3.0], &[1.0, 2.0, 4.0]), Some(0.5));
-        assert_eq!(explained(&[1.0, 2.0, 3.0], &[2.0, 2.0, 2.0]), Some(0.0));
-        assert_eq!(explained(&[2.0, 2.0], &[2.0, 2.0]), None);
-        assert_eq!(explained(&[1.0, 2.0], &[f64::MAX, 0.0]), None);
     }
 
     #[test]

@@ -12,7 +12,6 @@ use super::curves::CurveOptions;
 use super::frequency_domain::fraction;
 use super::groups::{Cell, cells};
 use super::inputs::{Identification, IdentifiedControllers, PlantName, Remark, SpecChoice, SubjectInput, TrialInput};
-use crate::control::System;
 use crate::num::stats::{mean, standard_deviation};
 use num_complex::Complex64;
 use schemars::JsonSchema;
@@ -66,6 +65,21 @@ pub struct Response {
     pub phase_deg: Vec<Option<f64>>,
 }
 
+/// The responses of one subject in one trial (Zhang 2015, figures 3.6a and 5.13).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SubjectResponses {
+    /// The subject's pseudonym.
+    pub code: String,
+    /// Gff.
+    pub feedforward: Response,
+    /// Gfb.
+    pub feedback: Response,
+    /// Gff·G.
+    pub feedforward_plant: Response,
+    /// The closed loop from command to output, G(Gff + Gfb)/(1 + G Gfb).
+    pub closed_loop: Response,
+}
+
 /// The four responses of Zhang 2015, figures 5.13 to 5.18, over some subjects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ControllerStatistics {
@@ -95,6 +109,11 @@ pub struct GroupResponses {
     /// The inverse dynamics G⁻¹, in the time base of the controllers, to compare with Gff; null where no trial is
     /// identified.
     pub inverse_plant: Option<Response>,
+    /// The plant G in the time base of the controllers; null where no trial is identified.
+    pub plant_response: Option<Response>,
+    /// The responses of each subject by itself, in the order of `trials`; null unless asked for.
+    #[serde(default)]
+    pub subjects: Option<Vec<SubjectResponses>>,
     /// Over all of the subjects.
     pub all: ControllerStatistics,
     /// Without the subjects with the largest and smallest ‖Gff G − 1‖ (Zhang 2015, figure 5.18); null where too few
@@ -152,17 +171,21 @@ pub fn identified_band(subjects: &[SubjectInput]) -> Option<(f64, f64)> {
 }
 
 /// The mean and deviation of the controllers of a study's subjects at the frequencies `omega_rad_s` (rad/s,
-/// increasing).
+/// increasing), with the responses of `each_subject` where they are asked for.
 #[must_use]
 pub fn study_frequency_responses(
     subjects: &[SubjectInput],
     selection: TrialSelection,
     omega_rad_s: &[f64],
     options: &CurveOptions,
+    each_subject: bool,
 ) -> StudyFrequencyResponses {
     let (cells, mut remarks) = cells(subjects, options);
-    let groups: Vec<GroupResponses> =
+    let mut groups: Vec<GroupResponses> =
         cells.iter().map(|cell| group_responses(cell, selection, omega_rad_s, options, &mut remarks)).collect();
+    if !each_subject {
+        groups.iter_mut().for_each(|group| group.subjects = None);
+    }
     for group in &groups {
         remarks.extend(group.spec.iter().filter_map(SpecChoice::remark));
     }
@@ -224,7 +247,10 @@ fn group_responses(
             norm_feedforward_plant_minus_one: distance(c),
         })
         .collect();
-    let inverse_plant = chosen.first().map(|c| inverse_response(&c.controllers.plant, omega));
+    let plant = chosen.first().map(|c| &c.controllers.plant);
+    let inverse_plant = plant.map(|plant| response_at(omega, |w| inverse(fraction(plant, w))));
+    let plant_response = plant.map(|plant| response_at(omega, |w| quotient(fraction(plant, w))));
+    let subjects = chosen.iter().map(|c| subject_responses(c.code, c.controllers, omega)).collect();
     let all = controller_statistics(&chosen.iter().collect::<Vec<_>>(), omega);
     let trimmed = without_extremes(&chosen, options.trim).map(|kept| controller_statistics(&kept, omega));
     GroupResponses {
@@ -233,6 +259,8 @@ fn group_responses(
         spec: cell.spec.clone(),
         trials,
         inverse_plant,
+        plant_response,
+        subjects: Some(subjects),
         all,
         trimmed,
     }
@@ -283,11 +311,23 @@ fn controller_statistics(chosen: &[&Chosen], omega: &[f64]) -> ControllerStatist
     };
     ControllerStatistics {
         subjects: chosen.iter().map(|c| c.code.to_owned()).collect(),
-        feedforward: over(|i, w| quotient(fraction(&i.feedforward, w))),
-        feedback: over(|i, w| quotient(fraction(&i.feedback, w))),
-        feedforward_plant: over(|i, w| quotient(fraction(&i.feedforward, w)) * quotient(fraction(&i.plant, w))),
+        feedforward: over(feedforward),
+        feedback: over(feedback),
+        feedforward_plant: over(feedforward_plant),
         closed_loop: over(closed_loop),
     }
+}
+
+fn feedforward(found: &IdentifiedControllers, omega: f64) -> Complex64 {
+    quotient(fraction(&found.feedforward, omega))
+}
+
+fn feedback(found: &IdentifiedControllers, omega: f64) -> Complex64 {
+    quotient(fraction(&found.feedback, omega))
+}
+
+fn feedforward_plant(found: &IdentifiedControllers, omega: f64) -> Complex64 {
+    feedforward(found, omega) * quotient(fraction(&found.plant, omega))
 }
 
 fn quotient((num, den): (Complex64, Complex64)) -> Complex64 {
@@ -302,14 +342,25 @@ fn closed_loop(found: &IdentifiedControllers, omega: f64) -> Complex64 {
     n * (nff * dfb + nfb * dff) / (dff * (d * dfb + n * nfb))
 }
 
-fn inverse_response(plant: &System, omega: &[f64]) -> Response {
-    let values: Vec<Option<Complex64>> = omega
-        .iter()
-        .map(|w| {
-            let (num, den) = fraction(plant, *w);
-            Some(den / num).filter(|x| x.is_finite())
-        })
-        .collect();
+/// The responses of a subject's controllers and of its loop at some frequencies, rad/s.
+#[must_use]
+pub fn subject_responses(code: &str, found: &IdentifiedControllers, omega: &[f64]) -> SubjectResponses {
+    let of = |response: fn(&IdentifiedControllers, f64) -> Complex64| response_at(omega, |w| response(found, w));
+    SubjectResponses {
+        code: code.to_owned(),
+        feedforward: of(feedforward),
+        feedback: of(feedback),
+        feedforward_plant: of(feedforward_plant),
+        closed_loop: of(closed_loop),
+    }
+}
+
+fn inverse((num, den): (Complex64, Complex64)) -> Complex64 {
+    den / num
+}
+
+fn response_at(omega: &[f64], of: impl Fn(f64) -> Complex64) -> Response {
+    let values: Vec<Option<Complex64>> = omega.iter().map(|w| Some(of(*w)).filter(|x| x.is_finite())).collect();
     Response {
         gain_db: values.iter().map(|x| (*x).and_then(decibels)).collect(),
         phase_deg: unwrapped(&values.iter().map(|x| x.map(|x| x.arg())).collect::<Vec<_>>()),

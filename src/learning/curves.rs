@@ -65,6 +65,9 @@ pub struct CurvePoint {
     pub rms_error: f64,
     /// The largest |y|.
     pub max_abs_output: f64,
+    /// The log dimensionless jerk of u, without unit: greater is smoother; null where there is none.
+    #[serde(default)]
+    pub control_log_dimensionless_jerk: Option<f64>,
     /// Whether the first deliberate control had the right direction; null where that cannot be said.
     pub right_control_at_start: Option<bool>,
     /// The identification that the following values come from; null where the trial has none with the chosen spec.
@@ -276,6 +279,7 @@ pub(super) fn point(
         mean_abs_error: trial.metrics.mean_abs_error,
         rms_error: trial.metrics.rms_error,
         max_abs_output: trial.metrics.max_abs_output,
+        control_log_dimensionless_jerk: trial.metrics.control_log_dimensionless_jerk,
         right_control_at_start: trial.metrics.right_control_at_start,
         analysis: found.map(|i| i.analysis.clone()),
         norm_feedback: norms.and_then(|n| n.norm_feedback),

@@ -12,8 +12,10 @@ mod disagreement;
 pub mod frequency_domain;
 pub mod groups;
 pub mod inputs;
+pub mod median_subject;
 mod quadrature;
 pub mod recording;
+mod smoothness;
 pub mod time_domain;
 pub mod trend;
 

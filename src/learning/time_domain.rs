@@ -1,5 +1,6 @@
 //! Metrics of one trial in the time domain (Zhang 2015, sections 3.3, 5.4 and 5.8).
 
+use super::smoothness::log_dimensionless_jerk;
 use crate::control::Model;
 use crate::control::model::StateSpaceModel;
 use crate::trial::Trial;
@@ -24,6 +25,11 @@ pub struct TimeDomainMetrics {
     pub rms_error: f64,
     /// The largest |y|, in units of y.
     pub max_abs_output: f64,
+    /// How smooth the control is: its log dimensionless jerk −ln(D⁵/A² ∫ (d³u/dt³)² dt), D the length of the trial and
+    /// A the range of u, without unit; greater is smoother. Comparable between trials of one command and length. Null
+    /// where u does not move or the trial is too short, and of trials stored by versions before it was introduced.
+    #[serde(default)]
+    pub control_log_dimensionless_jerk: Option<f64>,
     /// Whether the first deliberate control moves the output towards the command: at the sample after the first one
     /// (the sample at time zero not counted) with |u| above the threshold, the signs of u and r agree for a plant
     /// that at first moves with its input, and differ for one with initial undershoot (Zhang 2015, section 5.8).
@@ -141,6 +147,7 @@ pub fn metrics(trial: &Trial, plant: &Model) -> TimeDomainMetrics {
         mean_abs_error: mean * largest,
         rms_error: mean_square.sqrt() * largest,
         max_abs_output: largest_modulus(&trial.signals.output),
+        control_log_dimensionless_jerk: log_dimensionless_jerk(&trial.signals.control, trial.sample_time_s).ok(),
         right_control_at_start: None,
         right_control_time_s: None,
         right_control_undetermined: None,

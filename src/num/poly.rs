@@ -95,6 +95,31 @@ impl Polynomial {
         Self::new(product)
     }
 
+    /// Quotient and remainder of the division by a polynomial that is not zero: `self = quotient · divisor +
+    /// remainder`, the remainder of lower degree than the divisor (zero where that is a constant).
+    #[must_use]
+    pub(crate) fn divided_by(&self, divisor: &Self) -> (Self, Self) {
+        let steps = (self.0.len() + 1).saturating_sub(divisor.0.len());
+        let mut remainder = self.0.clone();
+        let mut quotient = Vec::with_capacity(steps);
+        for i in 0..steps {
+            let factor = remainder[i] / divisor.0[0];
+            quotient.push(factor);
+            for (r, c) in remainder[i..].iter_mut().zip(&divisor.0) {
+                *r -= factor * c;
+            }
+        }
+        (Self::new(quotient), Self::new(remainder.split_off(steps)))
+    }
+
+    /// The derivative.
+    #[must_use]
+    pub(crate) fn derivative(&self) -> Self {
+        let degree = self.degree();
+        let terms = self.0[..degree].iter().enumerate().map(|(i, c)| c * (degree - i) as f64);
+        Self::new(terms.collect::<Vec<_>>())
+    }
+
     /// All roots, as the eigenvalues of the balanced companion matrix; none for constants.
     ///
     /// # Errors
@@ -120,6 +145,24 @@ impl Polynomial {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn quotient_times_divisor_and_remainder_give_the_dividend() {
+        let p = |c: &[f64]| Polynomial::new(c);
+        for (a, b) in [
+            (p(&[2.0, -3.0, 1.0, 5.0]), p(&[4.0, 1.0])),
+            (p(&[1.0, 2.0]), p(&[1.0, 0.0, 1.0])),
+            (p(&[1.0, 2.0]), p(&[4.0])),
+            (p(&[0.0]), p(&[1.0, 1.0])),
+            (p(&[1.0, 0.0, 0.0, 0.0]), p(&[2.0, 0.0, 1.0])),
+        ] {
+            let (q, r) = a.divided_by(&b);
+            assert!(r.is_zero() || r.degree() < b.degree(), "{r:?}");
+            assert_eq!(q.mul(&b).add(&r), a);
+        }
+        assert_eq!(p(&[2.0, 3.0, 4.0]).derivative(), p(&[4.0, 3.0]));
+        assert!(p(&[2.0]).derivative().is_zero());
+    }
 
     #[test]
     fn leading_zeros_are_dropped() {

@@ -17,9 +17,32 @@ pub(crate) fn standard_deviation(values: &[f64]) -> Option<f64> {
     Some((squares / (values.len() - 1) as f64).sqrt())
 }
 
+/// The share of a signal's variation that another accounts for, `1 − Σ (x − x̂)²/Σ (x − mean x)²` over the samples that
+/// both have; `None` where x does not vary, or nothing is finite.
+#[must_use]
+pub fn accounted_for(recorded: &[f64], simulated: &[f64]) -> Option<f64> {
+    let mean = mean(recorded)?;
+    let variation: f64 = recorded.iter().map(|x| (x - mean).powi(2)).sum();
+    let missed: f64 = recorded.iter().zip(simulated).map(|(x, y)| (x - y).powi(2)).sum();
+    let share = 1.0 - missed / variation;
+    (variation > 0.0 && share.is_finite()).then_some(share)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_share_is_one_minus_missed_over_variation() {
+        let x = [1.0, 2.0, 3.0, 4.0];
+        assert_eq!(accounted_for(&x, &x), Some(1.0));
+        assert_eq!(accounted_for(&x, &[2.0, 2.0, 3.0, 4.0]), Some(1.0 - 1.0 / 5.0));
+        assert_eq!(accounted_for(&[1.0, 2.0, 3.0], &[2.0, 2.0, 2.0]), Some(0.0));
+        assert_eq!(accounted_for(&[2.0; 4], &x), None);
+        // Squares of a wild simulation overflow: such a share is no number to report.
+        assert_eq!(accounted_for(&[1.0, 2.0], &[f64::MAX, 0.0]), None);
+        assert_eq!(accounted_for(&[], &[]), None);
+    }
 
     #[test]
     fn mean_and_standard_deviation_of_a_known_sample() {

@@ -1,5 +1,6 @@
 //! Simulated people, the reference signals that they follow, and whole simulated studies.
 
+pub mod closed_loop;
 pub mod inverse_dynamics;
 pub mod reference_signals;
 pub mod study;

@@ -10,8 +10,13 @@
 //! Their sizes and ℓ are those of a grid with the smallest leave-one-trial-out error *within the trials given*. As ℓ
 //! and the sizes grow this is the estimate without structure, group by group; as the sizes vanish it is the parametric
 //! law.
+//!
+//! What is known of both deviations at a frequency is Gaussian too, given the law and the sizes: a mean and a 2×2
+//! covariance, those of `H_ur` and `H_ud` of a group, or of all trials (without the part of any group). The controllers
+//! follow, `Gfb = −H_ud/(G (1 + H_ud))`, `Gff = H_ur/(1 + H_ud) − Gfb`, with variances to first order. They are
+//! analytic in the responses, so that a circular error stays circular.
 
-use super::fit::Fitted;
+use super::fit::{Band, Fitted};
 use super::responses::{UD, UR};
 use crate::ctl::{Ctl, Stopped};
 use crate::response::stimuli::StimulusLines;
@@ -21,6 +26,9 @@ use rayon::prelude::*;
 
 /// Excited lines of all trials at most: the work grows with the third power.
 pub const MOST_SAMPLES: usize = 1000;
+
+/// Lines nearer than this in ln ω are the same.
+const SAME_LINE: f64 = 1e-9;
 
 /// Sizes of the deviations, relative to the parametric responses, and the reach of their kernel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,8 +70,10 @@ struct Sample {
     /// `H⁰_ur R` and `H⁰_ud D`.
     drive: [Complex64; 2],
     misfit: Complex64,
-    /// Variance of the noise.
+    /// Variance of the noise of the mean over segments.
     noise: f64,
+    /// Of that of one segment.
+    segment_noise: f64,
     /// What a squared error counts in leave-one-trial-out: `1/P_u + |G|²/P_y`.
     weight: f64,
 }
@@ -101,15 +111,41 @@ pub struct Regularised {
     samples: Vec<Sample>,
     /// `(K + noise)⁻¹ misfit`.
     weights: Vec<Complex64>,
+    /// `(K + noise)⁻¹`.
+    inverse: DMatrix<Complex64>,
     /// Errors of the samples predicted from the other trials.
     left_out: Vec<Complex64>,
+}
+
+/// Responses of the control and both controllers at a frequency, with what is not known of them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Posterior {
+    /// H_ur and H_ud.
+    pub responses: [Complex64; 2],
+    /// Their variances, `E|δ|²`.
+    pub response_variances: [f64; 2],
+    /// Gfb and Gff.
+    pub controllers: [Band; 2],
+}
+
+/// The control of a trial as it is predicted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Predicted {
+    /// The value.
+    pub value: Complex64,
+    /// Variance of the response of a new trial of the group about it, `E|δ|²`, without the noise of the line.
+    pub variance: f64,
+    /// Variance of the noise of the line in a segment, as in trials of the group that excite it; `None` where none
+    /// does.
+    pub noise: Option<f64>,
 }
 
 impl Sizes {
     fn covariance(&self, a: &Sample, b: &Sample, with_trials: bool) -> Complex64 {
         let distance = (a.log_omega - b.log_omega) / self.reach;
         let mut size = self.shared.powi(2);
-        if a.group == b.group {
+        // What is asked of all trials is of no group.
+        if a.group == b.group && a.group != usize::MAX {
             size += self.group.powi(2);
         }
         if with_trials && a.trial == b.trial {
@@ -151,21 +187,25 @@ impl Regularised {
             let weights = &inverse * misfit;
             let errors = left_out(&samples, &inverse, &weights)?;
             let cost: f64 = errors.iter().zip(&samples).map(|(e, sample)| sample.weight * e.norm_sqr()).sum();
-            Some((cost, weights, errors))
+            Some((cost, weights, errors, inverse))
         };
         let best = sizes
             .par_iter()
             .map(|sizes| {
                 ctl.check()?;
-                Ok(solve(sizes).map(|(cost, weights, errors)| (cost, *sizes, weights, errors)))
+                // One inverse at a time is kept, not one for each of the grid.
+                Ok(solve(sizes).map(|(cost, ..)| (cost, *sizes)))
             })
             .collect::<Result<Vec<_>, Stopped>>()?
             .into_iter()
             .flatten()
             .filter(|(cost, ..)| cost.is_finite())
             .min_by(|a, b| a.0.total_cmp(&b.0));
-        let (_, sizes, weights, left_out) = best.ok_or(RegularisedError::Singular)?;
-        Ok(Self { fitted: fitted.clone(), sizes, samples, weights: weights.as_slice().to_vec(), left_out })
+        let (_, sizes) = best.ok_or(RegularisedError::Singular)?;
+        ctl.check()?;
+        let (_, weights, left_out, inverse) = solve(&sizes).ok_or(RegularisedError::Singular)?;
+        let (fitted, weights) = (fitted.clone(), weights.as_slice().to_vec());
+        Ok(Self { fitted, sizes, samples, weights, inverse, left_out })
     }
 
     /// The sizes chosen.
@@ -186,12 +226,94 @@ impl Regularised {
     pub fn control(&self, omega_rad_s: f64, group: usize, command: Complex64, disturbance: Complex64) -> Complex64 {
         let h = self.fitted.closed_loop(omega_rad_s);
         let drive = [h[UR] * command, h[UD] * disturbance];
-        let zero = Complex64::default();
+        let own = query(omega_rad_s, Some(group), drive);
+        drive[0] + drive[1] + self.mean(&self.covariances(&own))
+    }
+
+    /// [`Regularised::control`] with how far a new trial of the group may be from it.
+    #[must_use]
+    pub fn predicted(&self, omega_rad_s: f64, group: usize, command: Complex64, disturbance: Complex64) -> Predicted {
+        let h = self.fitted.closed_loop(omega_rad_s);
+        let drive = [h[UR] * command, h[UD] * disturbance];
+        let own = query(omega_rad_s, Some(group), drive);
+        let known = self.covariances(&own);
+        let own_trial = self.sizes.trial.powi(2) * (drive[0].norm_sqr() + drive[1].norm_sqr());
+        let prior = self.sizes.covariance(&own, &own, false).re;
         let log_omega = omega_rad_s.ln();
-        let own = Sample { trial: usize::MAX, line: 0, group, log_omega, drive, misfit: zero, noise: 0.0, weight: 0.0 };
-        let deviation: Complex64 =
-            self.samples.iter().zip(&self.weights).map(|(s, w)| self.sizes.covariance(&own, s, false) * w).sum();
-        drive[0] + drive[1] + deviation
+        let like = self.samples.iter().find(|s| s.group == group && (s.log_omega - log_omega).abs() < SAME_LINE);
+        Predicted {
+            value: drive[0] + drive[1] + self.mean(&known),
+            variance: (prior - self.explained(&known, &known).re).max(0.0) + own_trial,
+            noise: like.map(|sample| sample.segment_noise),
+        }
+    }
+
+    /// The responses and both controllers at a frequency, of a group of trials, or of all with `None`: the part of the
+    /// groups is then an unknown that has no mean.
+    #[must_use]
+    pub fn posterior(&self, omega_rad_s: f64, group: Option<usize>) -> Posterior {
+        let h = self.fitted.closed_loop(omega_rad_s);
+        let zero = Complex64::default();
+        let queries = [[h[UR], zero], [zero, h[UD]]].map(|drive| query(omega_rad_s, group, drive));
+        let known = [self.covariances(&queries[0]), self.covariances(&queries[1])];
+        let responses = [h[UR] + self.mean(&known[0]), h[UD] + self.mean(&known[1])];
+        let covariance = |a: usize, b: usize| {
+            self.sizes.covariance(&queries[a], &queries[b], false) - self.explained(&known[a], &known[b])
+        };
+        let variances = [covariance(0, 0).re.max(0.0), covariance(1, 1).re.max(0.0)];
+        let cross = covariance(0, 1);
+        let g = self.fitted.person.plant().response(omega_rad_s);
+        let sensitivity = 1.0 + responses[1];
+        let feedback = -responses[1] / (g * sensitivity);
+        let feedforward = responses[0] / sensitivity - feedback;
+        // Derivatives by H_ur and H_ud.
+        let of_feedback = [zero, -1.0 / (g * sensitivity * sensitivity)];
+        let of_feedforward = [1.0 / sensitivity, -responses[0] / (sensitivity * sensitivity) - of_feedback[1]];
+        let band = |value: Complex64, slope: [Complex64; 2]| {
+            let variance = slope[0].norm_sqr() * variances[0]
+                + slope[1].norm_sqr() * variances[1]
+                + 2.0 * (slope[0] * slope[1].conj() * cross).re;
+            let deviation = (0.5 * variance.max(0.0)).sqrt() / value.norm();
+            Band { value, deviation: deviation.is_finite().then_some([deviation; 2]) }
+        };
+        Posterior {
+            responses,
+            response_variances: variances,
+            controllers: [band(feedback, of_feedback), band(feedforward, of_feedforward)],
+        }
+    }
+
+    fn covariances(&self, own: &Sample) -> Vec<Complex64> {
+        self.samples.iter().map(|s| self.sizes.covariance(own, s, false)).collect()
+    }
+
+    fn mean(&self, known: &[Complex64]) -> Complex64 {
+        known.iter().zip(&self.weights).map(|(c, w)| c * w).sum()
+    }
+
+    /// `a (K + noise)⁻¹ b*`: how much the samples tell of two unknowns with these covariances.
+    fn explained(&self, a: &[Complex64], b: &[Complex64]) -> Complex64 {
+        let mut sum = Complex64::default();
+        for (j, b) in b.iter().enumerate() {
+            let column: Complex64 = self.inverse.column(j).iter().zip(a).map(|(m, a)| a * m).sum();
+            sum += column * b.conj();
+        }
+        sum
+    }
+}
+
+/// An unknown with this drive, of a group or of all.
+fn query(omega_rad_s: f64, group: Option<usize>, drive: [Complex64; 2]) -> Sample {
+    Sample {
+        trial: usize::MAX,
+        line: 0,
+        group: group.unwrap_or(usize::MAX),
+        log_omega: omega_rad_s.ln(),
+        drive,
+        misfit: Complex64::default(),
+        noise: 0.0,
+        segment_noise: 0.0,
+        weight: 0.0,
     }
 }
 
@@ -229,6 +351,7 @@ fn samples(lines: &StimulusLines, groups: &[usize], fitted: &Fitted) -> Result<V
                 drive,
                 misfit: u - drive[0] - drive[1],
                 noise,
+                segment_noise: noise * count,
                 weight: 1.0 / total_u + g / total_y,
             });
         }
@@ -241,12 +364,12 @@ fn samples(lines: &StimulusLines, groups: &[usize], fitted: &Fitted) -> Result<V
 fn smooth_noise(samples: &mut [Sample]) {
     let before = samples.to_vec();
     for sample in samples {
-        let alike: Vec<f64> = before
-            .iter()
-            .filter(|s| s.group == sample.group && s.log_omega == sample.log_omega)
-            .map(|s| s.noise)
-            .collect();
-        sample.noise = alike.iter().sum::<f64>() / alike.len() as f64;
+        let mean = |of: fn(&Sample) -> f64| {
+            let alike = before.iter().filter(|s| s.group == sample.group && s.log_omega == sample.log_omega);
+            let values: Vec<f64> = alike.map(of).collect();
+            values.iter().sum::<f64>() / values.len() as f64
+        };
+        (sample.noise, sample.segment_noise) = (mean(|s| s.noise), mean(|s| s.segment_noise));
     }
 }
 

@@ -10,6 +10,7 @@
 //! there to twice of it.
 
 use super::responses::{UD, UR, YD, YR};
+use crate::num::stats::accounted_for as accounted;
 use crate::trial::Trial;
 use num_complex::Complex64;
 use rustfft::FftPlanner;
@@ -89,12 +90,6 @@ pub fn simulate(
 /// finite.
 #[must_use]
 pub fn accounted_for(trial: &Trial, simulated: &Simulated) -> [Option<f64>; 2] {
-    let share = |recorded: &[f64], simulated: &[f64]| {
-        let mean = crate::num::stats::mean(recorded)?;
-        let variation: f64 = recorded.iter().map(|x| (x - mean).powi(2)).sum();
-        let missed: f64 = recorded.iter().zip(simulated).map(|(x, y)| (x - y).powi(2)).sum();
-        let share = 1.0 - missed / variation;
-        (variation > 0.0 && share.is_finite()).then_some(share)
-    };
-    [share(&trial.signals.control, &simulated.control), share(&trial.signals.output, &simulated.output)]
+    let signals = &trial.signals;
+    [accounted(&signals.control, &simulated.control), accounted(&signals.output, &simulated.output)]
 }

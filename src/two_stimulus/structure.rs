@@ -1,11 +1,14 @@
 //! Parametric structures of the person, as functions of frequency.
 //!
-//! Feedback on the error and feedforward on the command, both behind the same neuromuscular lag where there is one:
+//! Feedback on the error and feedforward on the command, each with a delay of its own, both behind the same muscles
+//! where there are any:
 //!
 //! - lead-lag (McRuer & Jex 1967): `Gfb = K (T_L s + 1)/(T_I s + 1) · e^{−τ s}`,
 //! - inverse dynamics: `Gff = K_ff G⁻¹ · e^{−τ_ff s}/(T_ff s + 1)`,
 //! - rational: `N(s)/D(s) · e^{−τ s}` of given degrees, D with all its roots in the left half plane,
-//! - neuromuscular lag: `1/(T_n s + 1)`.
+//! - neuromuscular lag: `1/(T_n s + 1)`,
+//! - neuromuscular system of second order: `ω_n²/(s² + 2 ζ ω_n s + ω_n²)`, an arm on a stick with its reflexes (McRuer
+//!   & Jex 1967; van der El et al., IEEE Trans. Cybern. 46, 1496–1508, 2016).
 //!
 //! Controllers are continuous whatever the plant is; a sampled plant meets them at `s = jω`, `z = e^{jωT}`.
 
@@ -61,6 +64,20 @@ pub struct Structure {
     /// Whether a neuromuscular lag follows both.
     #[serde(default)]
     pub neuromuscular_lag: bool,
+    /// Whether a neuromuscular system of second order follows both, in place of the lag.
+    #[serde(default)]
+    pub neuromuscular_second_order: bool,
+}
+
+/// What follows both controllers of McRuer's ladder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Muscles {
+    /// Nothing.
+    None,
+    /// A lag.
+    Lag,
+    /// A system of second order.
+    SecondOrder,
 }
 
 /// A parameter: its name, its unit, the range it is sought in, and whether by its logarithm.
@@ -86,6 +103,9 @@ pub enum StructureError {
          cannot be kept"
     )]
     NotStrictlyProper(i64),
+    /// Two sorts of muscles.
+    #[error("a neuromuscular lag and a neuromuscular system of second order exclude each other")]
+    TwoMuscles,
     /// A degree is too high.
     #[error("a degree of {0} is above the highest one, {LARGEST_DEGREE}")]
     DegreeTooHigh(usize),
@@ -143,7 +163,11 @@ impl Person {
         let mut parameters = Vec::new();
         // Ten times the fastest and slowest that lines about the scale can tell from none.
         let time = [0.02 / scale_rad_s, 50.0 / scale_rad_s];
-        let mut excess = plant.relative_degree() + i64::from(structure.neuromuscular_lag);
+        if structure.neuromuscular_lag && structure.neuromuscular_second_order {
+            return Err(StructureError::TwoMuscles);
+        }
+        let muscles = i64::from(structure.neuromuscular_lag) + 2 * i64::from(structure.neuromuscular_second_order);
+        let mut excess = plant.relative_degree() + muscles;
         match structure.feedback {
             FeedbackLaw::LeadLag => parameters.extend([
                 linear("feedback_gain", [-1e6, 1e6]),
@@ -167,6 +191,11 @@ impl Person {
         }
         if structure.neuromuscular_lag {
             parameters.push(log("neuromuscular_lag_s", time));
+        }
+        if structure.neuromuscular_second_order {
+            // From the slowest that lines about the scale see as a system of its own, to beyond what they see at all.
+            parameters.push(log("neuromuscular_frequency_rad_s", [0.5 * scale_rad_s, 50.0 * scale_rad_s]));
+            parameters.push(log("neuromuscular_damping", [0.05, 3.0]));
         }
         // A sampled plant may answer at once: its loop is closed by a person who does not.
         if excess < 1 && plant.sample_time_s().is_none() {
@@ -246,6 +275,13 @@ impl Person {
             feedback *= lag;
             feedforward *= lag;
         }
+        if self.structure.neuromuscular_second_order {
+            let p = take(2);
+            let x = s / p[0];
+            let muscles = 1.0 / (x * x + 2.0 * p[1] * x + 1.0);
+            feedback *= muscles;
+            feedforward *= muscles;
+        }
         Response { feedback, feedforward }
     }
 
@@ -303,10 +339,23 @@ impl Structure {
         }
     }
 
-    /// McRuer's ladder: error feedback; with feedforward; with the neuromuscular lag too.
+    /// McRuer's ladder: error feedback; with feedforward; with muscles too.
     #[must_use]
-    pub fn mcruer(feedforward: bool, neuromuscular_lag: bool) -> Self {
+    pub fn mcruer(feedforward: bool, muscles: Muscles) -> Self {
         let feedforward = if feedforward { FeedforwardLaw::InverseDynamics } else { FeedforwardLaw::None };
-        Self { feedback: FeedbackLaw::LeadLag, feedforward, neuromuscular_lag }
+        Self {
+            feedback: FeedbackLaw::LeadLag,
+            feedforward,
+            neuromuscular_lag: muscles == Muscles::Lag,
+            neuromuscular_second_order: muscles == Muscles::SecondOrder,
+        }
+    }
+
+    /// The rungs of the ladder: error feedback; with feedforward; with a neuromuscular lag; with a neuromuscular system
+    /// of second order in its place.
+    #[must_use]
+    pub fn ladder() -> [Self; 4] {
+        [(false, Muscles::None), (true, Muscles::None), (true, Muscles::Lag), (true, Muscles::SecondOrder)]
+            .map(|(feedforward, muscles)| Self::mcruer(feedforward, muscles))
     }
 }

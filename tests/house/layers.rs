@@ -16,7 +16,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("trial", &["num"]),
     ("person", &["control", "num"]),
     ("plants", &["control", "num", "person"]),
-    ("simulate", &["control", "num", "person", "plants", "trial"]),
+    ("simulate", &["control", "ctl", "num", "person", "plants", "trial"]),
     ("response", &["control", "ctl", "num", "trial"]),
     ("identify", &["cache", "control", "ctl", "num", "person", "response", "trial"]),
     ("two_stimulus", &["control", "ctl", "num", "person", "response", "trial"]),

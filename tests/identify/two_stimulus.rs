@@ -15,7 +15,7 @@ use volition::two_stimulus::controllers::{Controllers, controllers};
 use volition::two_stimulus::fit::{Channel, FitError, FitSettings, fit};
 use volition::two_stimulus::responses::{LineResponse, NoiseSource, responses};
 use volition::two_stimulus::simulate::{accounted_for, simulate};
-use volition::two_stimulus::structure::{FeedbackLaw, FeedforwardLaw, Person, RationalLaw, Structure};
+use volition::two_stimulus::structure::{FeedbackLaw, FeedforwardLaw, Muscles, Person, RationalLaw, Structure};
 
 const EVEN: [u32; 6] = [2, 5, 11, 17, 23, 31];
 const ODD: [u32; 5] = [3, 7, 13, 19, 29];
@@ -136,7 +136,8 @@ fn one_stimulus_alone_says_no_more_than_it_can() {
     let found = controllers(&responses(&lines_of(&r_alone, 45.0)));
     assert!(found.lines.iter().all(|l| l.feedback.is_none() && l.feedforward.is_none()));
     let person =
-        Person::new(&System::Continuous(plant(&[1.0, 0.0])), Structure::mcruer(true, false), [0.0, 1.0], 3.0).unwrap();
+        Person::new(&System::Continuous(plant(&[1.0, 0.0])), Structure::mcruer(true, Muscles::None), [0.0, 1.0], 3.0)
+            .unwrap();
     let how = FitSettings { channel: Channel::Control, starts: 2, seed: 1 };
     let refused = fit(&responses(&lines_of(&r_alone, 45.0)), &person, &how, &Ctl::new());
     assert_eq!(refused.unwrap_err(), FitError::NoDisturbance);
@@ -182,7 +183,8 @@ impl Virtual {
     fn new(neuromuscular_lag: bool) -> Self {
         let time = Discrete::new(1.0 / 60.0).unwrap();
         let plant = System::Discrete(TransferFunction::new(&[1.0 / 60.0, 0.0], &[1.0, -1.0], time).unwrap());
-        let person = Person::new(&plant, Structure::mcruer(true, neuromuscular_lag), [0.05, 0.8], 3.0).unwrap();
+        let muscles = if neuromuscular_lag { Muscles::Lag } else { Muscles::None };
+        let person = Person::new(&plant, Structure::mcruer(true, muscles), [0.05, 0.8], 3.0).unwrap();
         let omega = EVEN.iter().chain(&ODD).map(|k| TAU * STEP_HZ * f64::from(*k)).collect();
         let mut omega: Vec<f64> = omega;
         omega.sort_by(f64::total_cmp);
@@ -333,6 +335,7 @@ fn a_rational_law_with_delay_is_recovered() {
         feedback: FeedbackLaw::Rational(law(true)),
         feedforward: FeedforwardLaw::Rational(law(false)),
         neuromuscular_lag: false,
+        neuromuscular_second_order: false,
     };
     let plant = System::Continuous(plant(&[1.0, 1.0, 0.0]));
     let person = Person::new(&plant, structure, [0.0, 0.5], 3.0).unwrap();
@@ -361,7 +364,7 @@ fn a_simulation_from_responses_agrees_with_one_in_time() {
     let dt = 1.0 / 60.0;
     let time = Discrete::new(dt).unwrap();
     let plant = System::Discrete(TransferFunction::new(&[dt, 0.0], &[1.0, -1.0], time).unwrap());
-    let person = Person::new(&plant, Structure::mcruer(false, false), [0.0, 1.0], 3.0).unwrap();
+    let person = Person::new(&plant, Structure::mcruer(false, Muscles::None), [0.0, 1.0], 3.0).unwrap();
     let values = [2.0, 1e-9, 1e-9, 12.0 * dt];
     let (r, d) = (multisine(&EVEN, 1, dt, 2700), multisine(&ODD, 2, dt, 2700));
     let simulated = simulate(|w| person.closed_loop(&values, w), &r, Some(&d), dt, 1e3).unwrap();

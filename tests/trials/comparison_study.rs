@@ -187,6 +187,7 @@ fn trial(number: i64, session: Option<i64>, error: f64) -> TrialInput {
             mean_abs_error: error,
             rms_error: error,
             max_abs_output: 1.0,
+            control_log_dimensionless_jerk: None,
             right_control_at_start: Some(number > 1),
             right_control_undetermined: None,
             right_control_time_s: Some(0.1),

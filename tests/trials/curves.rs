@@ -49,6 +49,7 @@ fn trial(number: i64, error: f64, identifications: Vec<Identification>) -> Trial
             mean_abs_error: error,
             rms_error: 2.0 * error,
             max_abs_output: 1.0,
+            control_log_dimensionless_jerk: None,
             right_control_at_start: Some(number % 2 == 0),
             right_control_undetermined: None,
             right_control_time_s: Some(0.1),
@@ -250,7 +251,7 @@ fn mean_responses_equal_direct_formulas() {
         .collect();
     let omega = frequency_grid(BAND, 6);
     assert_eq!((omega[0], omega[5], omega.len()), (0.5, 3.0, 6));
-    let answer = study_frequency_responses(&study, TrialSelection::Last, &omega, &CurveOptions::default());
+    let answer = study_frequency_responses(&study, TrialSelection::Last, &omega, &CurveOptions::default(), true);
     let group = &answer.groups[0];
     assert_eq!(group.all.subjects, ["a", "b"]);
     assert_eq!(group.trimmed, None, "of two subjects nothing remains without the extremes");
@@ -265,7 +266,19 @@ fn mean_responses_equal_direct_formulas() {
         let sd = (db(1.6) - db(1.2)) / 2.0_f64.sqrt();
         assert!((product.sd_gain_db[k].unwrap() - sd).abs() < 1e-10);
         assert!(product.mean_phase_deg[k].unwrap().abs() < 1e-9 && product.sd_phase_deg[k].unwrap() < 1e-9);
-        // G⁻¹ = jω + 2.
+        // Each subject by itself, the plant, and the plant's inverse, G⁻¹ = jω + 2.
+        let alone = group.subjects.as_ref().unwrap();
+        for (subject, (code, gain)) in alone.iter().zip([("a", 1.2), ("b", 1.6)]) {
+            let size = (w * w + 4.0).sqrt();
+            assert_eq!(subject.code, code);
+            assert!((subject.feedforward_plant.gain_db[k].unwrap() - db(gain)).abs() < 1e-10);
+            assert!((subject.feedforward.gain_db[k].unwrap() - db(gain * size)).abs() < 1e-10);
+            assert!((subject.feedback.gain_db[k].unwrap() - db(3.0)).abs() < 1e-10);
+            let closed = (Complex64::new(2.0 * gain + 3.0, gain * w) / Complex64::new(5.0, *w)).norm();
+            assert!((subject.closed_loop.gain_db[k].unwrap() - db(closed)).abs() < 1e-10);
+        }
+        let plant = group.plant_response.as_ref().unwrap();
+        assert!((plant.phase_deg[k].unwrap() + w.atan2(2.0).to_degrees()).abs() < 1e-10);
         let inverse = group.inverse_plant.as_ref().unwrap();
         assert!((inverse.phase_deg[k].unwrap() - w.atan2(2.0).to_degrees()).abs() < 1e-10);
         assert!((inverse.gain_db[k].unwrap() - db((4.0 + w * w).sqrt())).abs() < 1e-10);
@@ -295,7 +308,7 @@ fn the_chosen_trial_and_the_trimmed_subjects() {
         })
         .collect();
     let shown = |selection| {
-        let answer = study_frequency_responses(&study, selection, &[1.0], &CurveOptions::default());
+        let answer = study_frequency_responses(&study, selection, &[1.0], &CurveOptions::default(), false);
         answer.groups[0].clone()
     };
     let last = shown(TrialSelection::Last);
@@ -337,12 +350,61 @@ fn responses_that_are_not_finite_are_left_out_and_counted() {
 }
 
 #[test]
+fn the_median_subject_is_in_the_middle_of_its_group() {
+    use volition::learning::curves::Metric;
+    use volition::learning::median_subject::{MedianChoice, ShownTrial, ValueOver, study_median_subjects};
+    let people = |errors: &[(&str, f64)]| -> Vec<SubjectInput> {
+        let of = |code: &str, error: f64| {
+            let own = |n: i64, e: f64| trial(n, e, vec![identification(&format!("{code}{n}"), "s", 1.2, 3.0)]);
+            // The first trial of c is far out, and divergent trials count for nothing.
+            let mut first = own(1, if code == "c" { 90.0 } else { error + 1.0 });
+            first.divergent = code == "c";
+            subject(code, "g", vec![first, own(2, error), own(7, error - 0.5)])
+        };
+        errors.iter().map(|(code, error)| of(code, *error)).collect()
+    };
+    let choice = MedianChoice {
+        metric: Metric::MeanAbsError,
+        over: ValueOver::All,
+        trials: vec![ShownTrial::First, ShownTrial::Number(7), ShownTrial::Number(4)],
+        omega_rad_s: vec![1.0, 2.0],
+    };
+    let options = CurveOptions::default();
+    let found = study_median_subjects(&people(&[("a", 3.0), ("b", 5.0), ("c", 4.0)]), &choice, &options);
+    let group = &found.groups[0];
+    let values: Vec<(&str, f64, usize)> = group.ranking.iter().map(|s| (s.code.as_str(), s.value, s.trials)).collect();
+    let expected = [("a", 9.5 / 3.0, 3), ("c", 3.75, 2), ("b", 15.5 / 3.0, 3)];
+    for ((code, value, trials), wanted) in values.iter().zip(expected) {
+        assert!(*code == wanted.0 && (value - wanted.1).abs() < 1e-12 && *trials == wanted.2, "{values:?}");
+    }
+    assert_eq!((group.median.as_ref().unwrap().code.as_str(), &group.other_middle), ("c", &None));
+    let shown: Vec<i64> = group.trials.iter().map(|t| t.point.number).collect();
+    assert_eq!(shown, [2, 7], "its first trial is divergent, and it has no fourth");
+    assert_eq!(codes(&found.remarks), ["trial_not_shown"]);
+    let responses = group.trials[0].responses.as_ref().unwrap();
+    assert!((responses.feedback.gain_db[1].unwrap() - 20.0 * 3.0_f64.log10()).abs() < 1e-12);
+    // By its last trial; of two the lower one, with the other named.
+    let last = MedianChoice { over: ValueOver::Last, trials: vec![ShownTrial::Last], ..choice };
+    let found = study_median_subjects(&people(&[("b", 5.0), ("a", 3.0)]), &last, &options);
+    let group = &found.groups[0];
+    assert_eq!(group.median.as_ref().map(|s| (s.code.as_str(), s.value)), Some(("a", 2.5)));
+    assert_eq!(group.other_middle.as_ref().map(|s| s.code.as_str()), Some("b"));
+    assert_eq!(codes(&found.remarks), ["no_single_median"]);
+    // Nobody has a value of a norm where nothing is identified.
+    let norm = MedianChoice { metric: Metric::NormFeedback, ..last };
+    let nobody = [subject("a", "g", vec![trial(1, 1.0, Vec::new())])];
+    let found = study_median_subjects(&nobody, &norm, &options);
+    assert_eq!((&found.groups[0].median, codes(&found.remarks)), (&None, vec!["subjects_without_value"]));
+}
+
+#[test]
 fn answers_are_json_and_come_back() {
     let study = [subject("a", "g", vec![trial(1, 1.0, vec![identification("x", "s", 1.1, 1.0)])])];
     let curves = study_learning_curves(&study, &CurveOptions::default());
     let text = serde_json::to_string(&curves).unwrap();
     assert_eq!(serde_json::from_str::<volition::learning::StudyLearningCurves>(&text).unwrap(), curves);
-    let answer = study_frequency_responses(&study, TrialSelection::Number(1), &[0.5, 1.0], &CurveOptions::default());
+    let answer =
+        study_frequency_responses(&study, TrialSelection::Number(1), &[0.5, 1.0], &CurveOptions::default(), false);
     let text = serde_json::to_string(&answer).unwrap();
     assert_eq!(serde_json::from_str::<volition::learning::StudyFrequencyResponses>(&text).unwrap(), answer);
 }

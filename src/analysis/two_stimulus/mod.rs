@@ -38,7 +38,9 @@ use inputs::no_disturbance;
 pub use inputs::{TwoStimulusInputs, TwoStimulusResponses};
 use num_complex::Complex64;
 pub use pool::PoolResult;
-pub use prediction::{Ceiling, MeanShare, RegularisedResult};
+pub use prediction::{
+    Ceiling, MeanShare, PredictedLine, RegularisedControllers, RegularisedLine, RegularisedResult, TrialPrediction,
+};
 pub use result::{
     Agreement, ControllerAtLine, FittedAtLine, FittedLine, FittedParameter, StructureFit, TwoStimulusLine,
     TwoStimulusResult,

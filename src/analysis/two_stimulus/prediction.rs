@@ -1,9 +1,12 @@
 //! What could be predicted of the trials, and what the estimate shrunk towards the best structure predicts of trials
 //! held out.
 
+use super::result::{FittedAtLine, PROBABILITY, fitted_at_line, pair};
 use super::shares::{Shares, TrialShare};
 use crate::analysis::inputs::trials::ResolvedTrial;
+use crate::control::System;
 use crate::ctl::{Ctl, Stopped};
+use crate::num::distributions::student_t;
 use crate::response::stimuli::{SegmentLines, StimulusLines};
 use crate::two_stimulus::fit::Fitted;
 use crate::two_stimulus::regularised::{Regularised, RegularisedError, default_sizes};
@@ -67,6 +70,73 @@ pub struct RegularisedResult {
     pub left_out_vaf: Option<Shares>,
     /// Shares of the steady state at the lines of the trials of `validate_on`.
     pub held_out_vaf: Option<Shares>,
+    /// Both controllers with 95 % bands: of all trials, then of each group.
+    #[serde(default)]
+    pub controllers: Vec<RegularisedControllers>,
+    /// What is predicted of each trial of `validate_on` at its excited lines; null without such trials.
+    #[serde(default)]
+    pub predictions: Option<Vec<TrialPrediction>>,
+}
+
+/// Controllers without structure, shrunk towards the best structure.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RegularisedControllers {
+    /// The group of trials, `command`, `disturbance` or `both`; null for what all trials share, where how groups differ
+    /// is not known in advance.
+    pub group: Option<String>,
+    /// Line by line, in increasing frequency.
+    pub lines: Vec<RegularisedLine>,
+}
+
+/// Responses of the control and both controllers at a line. Bands are those of the Gaussian process given the structure
+/// and its sizes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RegularisedLine {
+    /// Frequency in Hz.
+    pub frequency_hz: f64,
+    /// From command to control as `[re, im]`, in units of u per unit of r.
+    pub h_ur: [f64; 2],
+    /// Its variance `E|δ|²`, in squared units of it.
+    pub variance_ur: f64,
+    /// From disturbance to control as `[re, im]`, without unit.
+    pub h_ud: [f64; 2],
+    /// Its variance `E|δ|²`.
+    pub variance_ud: f64,
+    /// Gfb.
+    pub feedback: FittedAtLine,
+    /// Gff.
+    pub feedforward: FittedAtLine,
+}
+
+/// What is predicted of a trial.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct TrialPrediction {
+    /// The trial, by its place in the request.
+    pub trial: String,
+    /// Its group: `command`, `disturbance` or `both`.
+    pub group: String,
+    /// Line by line, those that its stimuli excite.
+    pub lines: Vec<PredictedLine>,
+    /// How many of the recorded controls lie within the range of 95 %, of those lines whose noise is known.
+    pub within: usize,
+    /// Lines whose noise is known.
+    pub compared: usize,
+}
+
+/// Amplitudes of a trial at a line, means over its segments.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PredictedLine {
+    /// Frequency in Hz.
+    pub frequency_hz: f64,
+    /// Predicted amplitude of the control as `[re, im]`, in units of u.
+    pub u: [f64; 2],
+    /// Predicted amplitude of the output as `[re, im]`, in units of y.
+    pub y: [f64; 2],
+    /// The recorded amplitude of the control, in units of u.
+    pub recorded_u: [f64; 2],
+    /// The radius of the circle about `u` in which the recorded amplitude lies with 95 %, with the noise of the line,
+    /// in units of u; null where that noise is not known.
+    pub radius_95: Option<f64>,
 }
 
 impl RegularisedResult {
@@ -81,8 +151,79 @@ impl RegularisedResult {
             groups: Vec::new(),
             left_out_vaf: None,
             held_out_vaf: None,
+            controllers: Vec::new(),
+            predictions: None,
         }
     }
+}
+
+/// Controllers of all trials, and of each group that there is.
+fn controllers(learned: &Regularised, lines: &StimulusLines, groups: &[usize]) -> Vec<RegularisedControllers> {
+    let quantile = student_t(PROBABILITY, f64::INFINITY);
+    let present = (0..GROUPS.len()).filter(|group| groups.contains(group)).map(Some);
+    let of = |group: Option<usize>| RegularisedControllers {
+        group: group.map(|group| GROUPS[group].to_owned()),
+        lines: (0..lines.omega_rad_s.len())
+            .map(|k| {
+                let found = learned.posterior(lines.omega_rad_s[k], group);
+                let [feedback, feedforward] = found.controllers.map(|band| fitted_at_line(&band, quantile));
+                RegularisedLine {
+                    frequency_hz: lines.frequency_hz[k],
+                    h_ur: pair(found.responses[0]),
+                    variance_ur: found.response_variances[0],
+                    h_ud: pair(found.responses[1]),
+                    variance_ud: found.response_variances[1],
+                    feedback,
+                    feedforward,
+                }
+            })
+            .collect(),
+    };
+    std::iter::once(None).chain(present).map(of).collect()
+}
+
+/// What is predicted of each trial, beside what was recorded.
+fn predictions(
+    learned: &Regularised,
+    plant: &System,
+    lines: &StimulusLines,
+    groups: &[usize],
+    trials: &[ResolvedTrial],
+) -> Vec<TrialPrediction> {
+    // |δ|² of a circular error of variance v is v/2 times a χ² of two degrees of freedom.
+    let radius = |variance: f64| (-(1.0 - PROBABILITY).ln() * variance).sqrt();
+    let of = |(trial, resolved): (usize, &ResolvedTrial)| {
+        let own: Vec<&SegmentLines> = lines.segments.iter().filter(|s| s.trial == trial).collect();
+        let count = own.len() as f64;
+        let mean = |pick: &dyn Fn(&SegmentLines) -> Complex64| -> Complex64 {
+            own.iter().map(|s| pick(s)).sum::<Complex64>() / count
+        };
+        let mut found = Vec::new();
+        let (mut within, mut compared) = (0, 0);
+        for (k, omega) in lines.omega_rad_s.iter().enumerate() {
+            let (r, d) = (mean(&|s| s.command[k]), mean(&|s| s.disturbance[k]));
+            if own.is_empty() || r.norm_sqr() + d.norm_sqr() == 0.0 {
+                continue;
+            }
+            let predicted = learned.predicted(*omega, groups[trial], r, d);
+            let recorded = mean(&|s| s.control[k]);
+            let radius_95 = predicted.noise.map(|noise| radius(predicted.variance + noise / count));
+            if let Some(radius) = radius_95 {
+                compared += 1;
+                within += usize::from((recorded - predicted.value).norm() <= radius);
+            }
+            found.push(PredictedLine {
+                frequency_hz: lines.frequency_hz[k],
+                u: pair(predicted.value),
+                y: pair(plant.response(*omega) * (predicted.value + d)),
+                recorded_u: pair(recorded),
+                radius_95,
+            });
+        }
+        let group = GROUPS[groups[trial]].to_owned();
+        TrialPrediction { trial: resolved.name.clone(), group, lines: found, within, compared }
+    };
+    trials.iter().enumerate().map(of).collect()
 }
 
 /// The ceiling of the trials.
@@ -134,8 +275,12 @@ pub(super) fn regularised(
             loop_of(plant(lines, k), control, s, k)
         })
     });
+    let predictions =
+        held_lines.map(|lines| predictions(&learned, law.person.plant(), lines, &groups_by_stimuli(lines), held_out));
     let sizes = learned.sizes();
     Ok(RegularisedResult {
+        controllers: controllers(&learned, lines, &groups),
+        predictions,
         reason: None,
         structure: Some(structure),
         reach: Some(sizes.reach),

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 /// Probability of every band.
 pub(super) const PROBABILITY: f64 = 0.95;
 
-fn pair(z: Complex64) -> [f64; 2] {
+pub(super) fn pair(z: Complex64) -> [f64; 2] {
     [z.re, z.im]
 }
 
@@ -194,7 +194,7 @@ pub struct TwoStimulusResult {
     pub best: Option<usize>,
 }
 
-fn fitted_at_line(band: &Band, quantile: f64) -> FittedAtLine {
+pub(super) fn fitted_at_line(band: &Band, quantile: f64) -> FittedAtLine {
     let size = band.value.norm();
     let width = band.deviation.map(|d| d.map(|d| quantile * d)).filter(|d| d.iter().all(|d| d.is_finite()));
     FittedAtLine {

@@ -24,8 +24,8 @@ const MAX_CANDIDATES: u64 = 100_000_000;
 #[serde(deny_unknown_fields, default)]
 pub struct TwoStimulusSpec {
     /// The structures that are fitted. Default: McRuer's ladder, that is error feedback with lead, lag and delay; the
-    /// same with feedforward by the plant's inverse with gain, lag and delay; the same with a neuromuscular lag. An
-    /// empty list fits none.
+    /// same with feedforward by the plant's inverse with gain, lag and a delay of its own; the same with a
+    /// neuromuscular lag; the same with a neuromuscular system of second order in its place. An empty list fits none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub structures: Option<Vec<Structure>>,
     /// How trials are transformed. Default: the excited lines of the whole record. Must be absent with responses in the
@@ -144,9 +144,7 @@ impl CheckedSpec {
             return Err(wrong("it belongs to a pool, and there is none", format!("/spec/{name}")));
         }
         let structure = recipe.as_ref().map(Recipe::structure);
-        let structures = written.structures.unwrap_or_else(|| {
-            vec![Structure::mcruer(false, false), Structure::mcruer(true, false), Structure::mcruer(true, true)]
-        });
+        let structures = written.structures.unwrap_or_else(|| Structure::ladder().to_vec());
         if structures.len() > MOST_STRUCTURES {
             let detail = format!("there are {} structures, and {MOST_STRUCTURES} are fitted at most", structures.len());
             return Err(wrong(detail, "/spec/structures"));

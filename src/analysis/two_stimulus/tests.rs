@@ -1,6 +1,7 @@
 use super::*;
 use crate::analysis::{Plan, Report, Request};
 use crate::ctl::StopReason;
+use crate::two_stimulus::structure::Muscles;
 use serde_json::{Value, json};
 
 fn complex(z: Complex64) -> [f64; 2] {
@@ -11,7 +12,7 @@ fn complex(z: Complex64) -> [f64; 2] {
 fn responses_of(with_disturbance: bool) -> Value {
     let plant = json!({"num": [1.0], "den": [1.0, 0.0], "sample_time_s": null});
     let system = check_plant(&serde_json::from_value(plant.clone()).unwrap(), "").unwrap();
-    let person = Person::new(&system, Structure::mcruer(true, false), [0.0, 1.0], 3.0).unwrap();
+    let person = Person::new(&system, Structure::mcruer(true, Muscles::None), [0.0, 1.0], 3.0).unwrap();
     let values = [3.0, 0.15, 0.9, 0.18, 0.8, 0.12, 0.25];
     let omega: Vec<f64> = (1..=12).map(|k| 0.7 * f64::from(k)).collect();
     let h: Vec<[Complex64; 4]> = omega.iter().map(|w| person.closed_loop(&values, *w)).collect();

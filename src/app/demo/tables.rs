@@ -183,6 +183,7 @@ mod tests {
                 mean_abs_error: error,
                 rms_error: error,
                 max_abs_output: 1.0,
+                control_log_dimensionless_jerk: None,
                 right_control_at_start: None,
                 right_control_undetermined: None,
                 right_control_time_s: None,

@@ -40,6 +40,8 @@ pub(super) fn first_guess(cost: &Cost<'_>, responses: &[LineResponse], seed: u64
             "feedback_lead_s" => 0.3 * unit * factor,
             "feedback_lag_s" => 0.2 * unit * factor,
             "feedforward_lag_s" | "neuromuscular_lag_s" => 0.1 * unit * factor,
+            "neuromuscular_frequency_rad_s" => 4.0 / unit * factor,
+            "neuromuscular_damping" => 0.5 * factor,
             name if name.ends_with("_delay_s") => {
                 // A look ahead is where a fit may go, not where it starts.
                 let [low, high] = [parameter.range[0].max(0.0), parameter.range[1]];

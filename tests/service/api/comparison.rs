@@ -132,3 +132,53 @@ async fn what_makes_no_sense_is_refused_by_name() {
     assert_eq!(server.get(&format!("{path}?groups=a,b")).await.json(200)["pairs"].as_array().unwrap().len(), 1);
     server.finish().await;
 }
+
+/// Of four people none is the median: the lower of the middle two is shown with its first and last trials, by number
+/// and with signals, and the other one is named.
+#[tokio::test]
+async fn the_median_subject_comes_with_its_first_and_last_trial_in_one_request() {
+    let server = TestServer::start().await;
+    let lab = study(&server).await;
+    let path = format!("/v1/studies/{}/median-subjects", lab.study);
+    let found = server.get(&path).await.json(200);
+    let groups = found["groups"].as_array().unwrap();
+    assert_eq!(groups.len(), 2);
+    for group in groups {
+        let ranking = group["ranking"].as_array().unwrap();
+        let values: Vec<f64> = ranking.iter().map(|s| s["value"].as_f64().unwrap()).collect();
+        assert!(values.len() == 4 && values.is_sorted(), "{values:?}");
+        assert_eq!((&group["median"], &group["other_middle"]), (&ranking[1], &ranking[2]));
+        let trials = group["trials"].as_array().unwrap();
+        let numbers: Vec<&Value> = trials.iter().map(|t| &t["point"]["number"]).collect();
+        assert_eq!(numbers, [1, 5]);
+        for trial in trials {
+            let signals = &trial["signals"];
+            let error = trial["point"]["mean_abs_error"].as_f64().unwrap();
+            assert_eq!(signals["e"].as_array().unwrap().len(), 6);
+            assert!(signals["e"].as_array().unwrap().iter().all(|e| (e.as_f64().unwrap() - error).abs() < 1e-9));
+            assert!(trial["responses"].is_null(), "nothing is identified");
+        }
+    }
+    let codes: Vec<&Value> = found["remarks"].as_array().unwrap().iter().map(|r| &r["code"]).collect();
+    assert!(codes.iter().filter(|c| **c == "no_single_median").count() == 2, "{codes:?}");
+
+    let query =
+        "group=gm&metric=rms_error&over=last&trials=2,last,9&every=2&omega_from_rad_s=1&omega_to_rad_s=2&points=3";
+    let found = server.get(&format!("{path}?{query}")).await.json(200);
+    assert_eq!(found["omega_rad_s"], json!([1.0, 1.5, 2.0]));
+    let group = &found["groups"][0];
+    assert_eq!(group["median"]["trials"], json!(1));
+    let shown: Vec<&Value> = group["trials"].as_array().unwrap().iter().map(|t| &t["shown_as"]).collect();
+    assert_eq!(shown, [&json!({"number": 2}), &json!("last")]);
+    assert_eq!(group["trials"][0]["signals"]["t"].as_array().unwrap().len(), 3);
+    assert!(found["remarks"].as_array().unwrap().iter().any(|r| r["code"] == "trial_not_shown"));
+    let found = server.get(&format!("{path}?signals=false&metric=norm_feedback")).await.json(200);
+    assert!(found["groups"][0]["median"].is_null(), "nothing is identified");
+    assert!(found["remarks"].as_array().unwrap().iter().any(|r| r["code"] == "subjects_without_value"));
+
+    for bad in ["metric=speed", "over=some", "trials=0", "trials=first,,last", "signals=2", "every=0", "points=0"] {
+        server.get(&format!("{path}?{bad}")).await.problem(400, "malformed");
+    }
+    server.get(&format!("{path}?omega_from_rad_s=2&omega_to_rad_s=1")).await.problem(422, "invalid");
+    server.finish().await;
+}

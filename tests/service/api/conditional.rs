@@ -22,6 +22,7 @@ async fn unchanged_things_are_not_sent_again() {
         format!("/v1/studies/{}/comparison", lab.study),
         format!("/v1/subjects/{}/learning-curves", lab.subject),
         format!("/v1/studies/{}/frequency-responses", lab.study),
+        format!("/v1/studies/{}/median-subjects", lab.study),
         format!("/v1/studies/{}/progress", lab.study),
         "/openapi.json".to_owned(),
     ] {

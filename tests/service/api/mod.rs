@@ -16,6 +16,7 @@ mod openapi;
 mod plants;
 mod recordings;
 mod service;
+mod simulate;
 mod ssid;
 mod studies;
 mod subjects;

@@ -109,6 +109,7 @@ async fn every_operation_succeeds_over_http() {
         call("GET", "/v1/studies/{study}/learning-curves", None, 200),
         call("GET", "/v1/studies/{study}/comparison", None, 200),
         call("GET", "/v1/studies/{study}/frequency-responses", None, 200),
+        call("GET", "/v1/studies/{study}/median-subjects", None, 200),
         call("DELETE", "/v1/analyses/{analysis}", None, 204),
         call("DELETE", "/v1/trials/{trial}", None, 204),
         call("DELETE", "/v1/subjects/{subject}", None, 204),

@@ -94,7 +94,7 @@ async fn two_trials_give_both_controllers_and_a_third_is_predicted() {
         assert!(line["feedforward"]["value"].is_array());
     }
     let fits = report["result"]["fits"].as_array().unwrap();
-    assert_eq!(fits.len(), 3);
+    assert_eq!(fits.len(), 4, "the rungs of the ladder");
     let best = &fits[report["result"]["best"].as_u64().unwrap() as usize];
     for share in ["/simulated_vaf/u", "/simulated_vaf/y", "/held_out_vaf/u", "/held_out_vaf/y"] {
         let share = best.pointer(share).and_then(Value::as_f64).unwrap_or_else(|| panic!("{share}: {best}"));
@@ -115,6 +115,22 @@ async fn two_trials_give_both_controllers_and_a_third_is_predicted() {
         let share = shrunk.pointer(share).and_then(Value::as_f64).unwrap_or_else(|| panic!("{share}: {shrunk}"));
         assert!(share > 0.5 && share <= 1.0, "{shrunk}");
     }
+    // Both controllers of all trials, and of the one group that there is; the command is over the third trial alone.
+    let controllers = shrunk["controllers"].as_array().unwrap();
+    let of: Vec<&Value> = controllers.iter().map(|c| &c["group"]).collect();
+    assert_eq!(of, [&json!(null), &json!("both")]);
+    for line in controllers[1]["lines"].as_array().unwrap() {
+        let number = |pointer: &str| line.pointer(pointer).and_then(Value::as_f64).unwrap();
+        let truth = subject.feedback_response(std::f64::consts::TAU * number("/frequency_hz"));
+        let found = Complex64::new(number("/feedback/value/0"), number("/feedback/value/1"));
+        assert!((found / truth - 1.0).norm() < 0.5, "{line} {truth}");
+        assert!(number("/feedforward/magnitude_95/0") < number("/feedforward/magnitude_95/1"));
+    }
+    let prediction = &shrunk["predictions"][0];
+    assert_eq!((&prediction["trial"], &prediction["group"]), (&json!("/inputs/validate_on/0"), &json!("command")));
+    assert_eq!(prediction["lines"].as_array().unwrap().len(), 5, "the lines of its command");
+    // No trial of this group was learned from, so the noise of its lines is not known.
+    assert_eq!((&prediction["compared"], &prediction["lines"][0]["radius_95"]), (&json!(0), &json!(null)));
     server.finish().await;
 }
 
