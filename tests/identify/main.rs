@@ -21,6 +21,7 @@ mod response_leakage;
 mod ssid_appendix_b;
 mod ssid_coverage;
 mod ssid_delayed;
+mod ssid_equivalent;
 mod ssid_examples;
 mod ssid_kept;
 mod ssid_mimo;
