@@ -15,8 +15,17 @@ pub struct EquivalentSet {
     pub threshold: Threshold,
     /// How much of the pool it is.
     pub share: Share,
-    /// How far its members differ.
-    pub ranges: EquivalentRanges,
+    /// How far its members differ; `None` where that was not asked for.
+    pub ranges: Option<EquivalentRanges>,
+}
+
+/// What is asked about the set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Asked {
+    /// Whether the ranges of the norms.
+    pub ranges: bool,
+    /// Whether members are counted however large the pool is.
+    pub count: bool,
 }
 
 /// Why there is no set.
@@ -33,7 +42,7 @@ pub enum NoSet {
     PlantDelay,
 }
 
-/// The set of an identification, and the ranges of these norms over it.
+/// The set of an identification, with the ranges of these norms over it if asked for.
 ///
 /// # Errors
 /// [`NoSet`].
@@ -41,7 +50,7 @@ pub fn equivalent_set(
     found: &Identified,
     searched: &Searched,
     norms: &dyn BandNorms,
-    always_count: bool,
+    asked: Asked,
     ctl: &Ctl,
 ) -> Result<EquivalentSet, NoSet> {
     if found.plant_delay_s > 0.0 {
@@ -51,12 +60,14 @@ pub fn equivalent_set(
     let threshold = Threshold::new(problem, *structure, found.optimum.cost).ok_or(NoSet::NothingLeft)?;
     let (limit, best) = (threshold.limit, found.optimum.index);
     let question = Question { problem, pool, plant: &found.plant, limit, best, norms };
-    let ranges = {
+    let ranges = if asked.ranges {
         let _ranges = ctl.scope(RANGES);
-        ranges(&question, prepared.as_ref(), ctl)?
+        Some(ranges(&question, prepared.as_ref(), ctl)?)
+    } else {
+        None
     };
     let _sharing = ctl.scope(1.0);
-    Ok(EquivalentSet { threshold, share: share(&question, always_count, ctl)?, ranges })
+    Ok(EquivalentSet { threshold, share: share(&question, asked.count, ctl)?, ranges })
 }
 
 /// The share of the time that the ranges take.

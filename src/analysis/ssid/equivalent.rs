@@ -4,7 +4,7 @@ use super::result::SsidResult;
 use crate::analysis::report::Warning;
 use crate::control::{Model, System};
 use crate::ctl::{Ctl, Stopped};
-use crate::identify::equivalent::{self as identify, NoSet, equivalent_set};
+use crate::identify::equivalent::{self as identify, Asked, NoSet, equivalent_set};
 use crate::identify::search::{BandNorms, ExtremeMember, LEVEL, NormRange};
 use crate::identify::ssid::{Identified, Searched};
 use crate::learning::frequency_domain::{norm_feedback, norm_feedforward_plant_minus_one};
@@ -14,17 +14,22 @@ use serde::{Deserialize, Serialize};
 /// A set of this share of the pool, or more, determines nothing.
 const MOST_OF_THE_POOL: f64 = 0.5;
 
+/// In larger pools ranges are looked for only if asked.
+const RANGED: u64 = 1_000_000;
+
 /// What is found out about the statistically equivalent set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EquivalentSpec {
     /// Nothing.
     None,
-    /// The ranges of the norms, and the share of the pool: counted in pools of up to 10⁸ candidates, of larger ones
-    /// from random feedback controllers, with an interval.
+    /// The share of the pool, counted in pools of up to 10⁸ candidates, of larger ones from random feedback
+    /// controllers, with an interval; and the ranges of the norms in pools of up to 10⁶ candidates.
     #[default]
-    Sampled,
-    /// The same, with every candidate counted in pools of any size: appendix B takes half an hour.
+    Automatic,
+    /// The same, with the ranges in pools of any size: appendix B takes minutes.
+    Ranges,
+    /// The same, and every candidate is counted: appendix B takes half an hour.
     Counted,
 }
 
@@ -53,9 +58,11 @@ pub struct EquivalentRange {
     pub largest: Option<EquivalentMember>,
 }
 
-/// Every candidate of the pool that the data cannot tell from the best one: `J ≤ cost_limit = J* (1 + q/(n − q)
-/// F₀.₉₅(q, n − q))`, n being the equations, q all free coefficients of both controllers, J* the smallest cost, but never
-/// finer than the rounding of costs (Beale 1960; Seber & Wild 1989, chapter 5).
+/// Every candidate of the pool that the data cannot tell from the best one.
+///
+/// `J ≤ cost_limit = J* (1 + q/(n − q) F₀.₉₅(q, n − q))`, n being the equations, q all free coefficients of both
+/// controllers, J* the smallest cost, but never finer than the rounding of costs (Beale 1960; Seber & Wild 1989,
+/// chapter 5).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct EquivalentSet {
     /// The level of the F distribution.
@@ -68,8 +75,6 @@ pub struct EquivalentSet {
     pub equations: usize,
     /// Free coefficients q.
     pub unknowns: usize,
-    /// True: the ranges are those of all members, by branch and bound over the whole pool.
-    pub exact: bool,
     /// Members, a controller without feedback with every feedback denominator; null where the share is sampled.
     pub count: Option<u64>,
     /// Members over candidates of the pool.
@@ -80,10 +85,13 @@ pub struct EquivalentSet {
     /// Feedback controllers that were drawn, each with all its feedforward denominators; 0 where every candidate was
     /// counted.
     pub draws: u64,
-    /// Of ‖Gfb‖ over the band of `metrics`.
-    pub norm_feedback: EquivalentRange,
-    /// Of ‖Gff G − 1‖ over the band of `metrics`.
-    pub norm_feedforward_plant_minus_one: EquivalentRange,
+    /// Of ‖Gfb‖ over the band of `metrics`, of all members, by branch and bound over the whole pool; null where it was
+    /// not looked for.
+    pub norm_feedback: Option<EquivalentRange>,
+    /// Of ‖Gff G − 1‖ over the band of `metrics`, likewise.
+    pub norm_feedforward_plant_minus_one: Option<EquivalentRange>,
+    /// Why there are no ranges; null where there are.
+    pub norms_reason: Option<String>,
 }
 
 /// The norms of a report.
@@ -137,6 +145,15 @@ impl EquivalentRange {
 }
 
 impl EquivalentSet {
+    fn ranges_text(&self) -> String {
+        match (&self.norm_feedback, &self.norm_feedforward_plant_minus_one) {
+            (Some(feedback), Some(distance)) => {
+                format!(", with {} and {}", feedback.text("‖Gfb‖"), distance.text("‖Gff G − 1‖"))
+            }
+            _ => String::new(),
+        }
+    }
+
     /// Says where the set is most of the pool.
     pub(super) fn warning(&self, pool_size: u64) -> Option<Warning> {
         (self.share >= MOST_OF_THE_POOL).then(|| {
@@ -144,14 +161,12 @@ impl EquivalentSet {
                 "feedback_not_determined",
                 format!(
                     "the command alone does not determine the feedback: {:.1} % of the pool's {pool_size} candidates \
-                     cannot be told from the best one by the F test at {:.0} % ({} equations, {} unknowns), with {} \
-                     and {}",
+                     cannot be told from the best one by the F test at {:.0} % ({} equations, {} unknowns){}",
                     100.0 * self.share,
                     100.0 * self.level,
                     self.equations,
                     self.unknowns,
-                    self.norm_feedback.text("‖Gfb‖"),
-                    self.norm_feedforward_plant_minus_one.text("‖Gff G − 1‖"),
+                    self.ranges_text(),
                 ),
             )
         })
@@ -172,7 +187,9 @@ pub(super) fn add(
         return Ok(());
     }
     let norms = Norms { plant: &found.plant, band_rad_s: result.metrics.band_rad_s };
-    match equivalent_set(found, searched, &norms, spec == EquivalentSpec::Counted, ctl) {
+    let is_asked = matches!(spec, EquivalentSpec::Ranges | EquivalentSpec::Counted);
+    let asked = Asked { ranges: is_asked || found.pool_size <= RANGED, count: spec == EquivalentSpec::Counted };
+    match equivalent_set(found, searched, &norms, asked, ctl) {
         Ok(set) => {
             let set = EquivalentSet::from(&set);
             if let Some(warning) = set.warning(found.pool_size) {
@@ -195,13 +212,17 @@ impl From<&identify::EquivalentSet> for EquivalentSet {
             cost_limit: threshold.limit,
             equations: threshold.equations,
             unknowns: threshold.unknowns,
-            exact: true,
             count: share.count,
             share: share.share,
             share_interval: share.interval,
             draws: share.draws,
-            norm_feedback: (&ranges.feedback).into(),
-            norm_feedforward_plant_minus_one: (&ranges.feedforward_plant_minus_one).into(),
+            norm_feedback: ranges.as_ref().map(|ranges| (&ranges.feedback).into()),
+            norm_feedforward_plant_minus_one: ranges.as_ref().map(|r| (&r.feedforward_plant_minus_one).into()),
+            norms_reason: ranges.is_none().then(|| {
+                format!(
+                    "in pools of more than {RANGED} candidates ranges are looked for with \"equivalent\": \"ranges\""
+                )
+            }),
         }
     }
 }

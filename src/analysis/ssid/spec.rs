@@ -71,7 +71,7 @@ pub struct SsidSpec {
     /// Pure delays of the person, in the refinement and, if asked, in the search of the pool. Default: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub delay: Option<DelaySpec>,
-    /// What is found out about the candidates that the data cannot tell from the best one. Default: `sampled`.
+    /// What is found out about the candidates that the data cannot tell from the best one. Default: `automatic`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub equivalent: Option<EquivalentSpec>,
     /// Structures to compare over the same pool family. Default: none.

@@ -38,8 +38,11 @@ impl Search for Automatic<'_> {
     }
 
     fn prepare(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Option<Prepared>, Stopped> {
-        // A search candidate by candidate needs no clusters, but whoever asks about the whole pool afterwards does.
-        if pool.size() <= SMALL {
+        if self.method == Method::Exhaustive
+            || pool.size() <= SMALL
+            || !factored::can_search(problem)
+            || !sensitivity::can_search(problem)
+        {
             return Ok(None);
         }
         ctl.enter(Phase::Preparation, TREES);
@@ -54,9 +57,7 @@ impl Search for Automatic<'_> {
         ctl: &Ctl,
     ) -> Result<Optimum, Stopped> {
         ctl.enter(Phase::Search, 1.0);
-        let by_bounds =
-            self.method == Method::BranchAndBound && factored::can_search(problem) && sensitivity::can_search(problem);
-        match prepared.filter(|_| by_bounds) {
+        match prepared {
             None => Exhaustive.search(problem, pool, ctl),
             Some(Prepared::Sensitivity(clusters)) => SensitivitySearch { clusters }.search(problem, pool, ctl),
             Some(Prepared::Factored(trees)) => FactoredSearch { trees }.search(problem, pool, ctl),

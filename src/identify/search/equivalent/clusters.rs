@@ -4,6 +4,7 @@ use super::controllers::{Controllers, Parts};
 use super::norms::Norms;
 use super::pair::View;
 use crate::ctl::{Ctl, Stopped};
+use crate::identify::search::sensitivity::build::cluster::Cluster;
 use crate::identify::search::sensitivity::build::clusters::Clusters;
 use rayon::prelude::*;
 
@@ -16,6 +17,19 @@ pub(super) struct ClustersWithNorms<'a> {
     norms: Vec<[f64; 2]>,
 }
 
+/// The range of no controller.
+const NOTHING: [f64; 2] = [f64::INFINITY, 0.0];
+
+/// Makes the range of a cluster of those of its parts.
+fn unite(clusters: &Clusters, cluster: u32, norms: &mut [[f64; 2]]) -> [f64; 2] {
+    for part in &clusters.nodes[cluster as usize].children {
+        let [low, high] = unite(clusters, *part, norms);
+        let whole = &mut norms[cluster as usize];
+        *whole = [whole[0].min(low), whole[1].max(high)];
+    }
+    norms[cluster as usize]
+}
+
 impl<'a> ClustersWithNorms<'a> {
     pub(super) fn new(clusters: &'a Clusters, lines: usize, norms: &Norms) -> Self {
         let units: Vec<[f64; 2]> = clusters
@@ -24,13 +38,17 @@ impl<'a> ClustersWithNorms<'a> {
             .map(|row| norms.of_unit(row.denominator as usize, row.numerator as usize).map(|norm| norm * row.unit))
             .collect();
         let leaf = |members: std::ops::Range<u32>| {
-            members.fold([f64::INFINITY, 0.0_f64], |[low, high], place| {
+            members.fold(NOTHING, |[low, high], place| {
                 let (row, gain) = clusters.row_and_gain(place as usize);
                 let [own_low, own_high] = units[row].map(|norm| norm * gain.abs());
                 [low.min(own_low), high.max(own_high)]
             })
         };
-        let norms = clusters.nodes.par_iter().map(|node| leaf(node.members.clone())).collect();
+        let own = |node: &Cluster| if node.children.is_empty() { leaf(node.members.clone()) } else { NOTHING };
+        let mut norms: Vec<[f64; 2]> = clusters.nodes.par_iter().map(own).collect();
+        for root in &clusters.roots {
+            unite(clusters, *root, &mut norms);
+        }
         Self { clusters, lines, norms }
     }
 }

@@ -14,6 +14,8 @@ pub(super) struct Block {
     pub lines: Vec<(Complex64, f64)>,
     /// D on each cell, and the largest |δ| there; infinite where nothing is known.
     pub cells: Vec<(Model, f64)>,
+    /// The largest difference of each coefficient from the centre's, ascending powers; zeros for a single denominator.
+    pub reach: Vec<f64>,
     /// Positions of the blocks that divide it; none for a single denominator.
     pub parts: Vec<u32>,
     /// Position in the pool of the first of them.
@@ -57,6 +59,7 @@ impl Denominators {
             }
             let mut lines: Vec<(Complex64, f64)> = problem.at_lines(&centre).into_iter().map(|d| (d, 0.0)).collect();
             let mut on_cells: Vec<(Model, f64)> = (0..cells.count).map(|cell| (on_cell(&centre, cell), 0.0)).collect();
+            let mut reach = vec![0.0_f64; degree];
             if members.len() > 1 {
                 for member in members {
                     for ((centre, radius), value) in lines.iter_mut().zip(&responses[*member]) {
@@ -65,6 +68,8 @@ impl Denominators {
                     let mut difference: Vec<f64> = centre.iter().map(|c| -c).collect();
                     let own = &factors[*member].coefficients;
                     difference[degree - own.len()..].iter_mut().zip(own).for_each(|(sum, c)| *sum += c);
+                    let ascending = reach.iter_mut().zip(difference.iter().rev());
+                    ascending.for_each(|(reach, c)| *reach = reach.max(c.abs() * (1.0 + 1e-12)));
                     for (cell, (centre, radius)) in on_cells.iter_mut().enumerate() {
                         let least = centre.least(cells.half);
                         let share = on_cell(&difference, cell).most(cells.half) / least;
@@ -73,7 +78,7 @@ impl Denominators {
                 }
             }
             let parts = node.children.iter().map(|child| *child as u32).collect();
-            blocks.push(Block { lines, cells: on_cells, parts, first: members[0] as u32 });
+            blocks.push(Block { lines, cells: on_cells, reach, parts, first: members[0] as u32 });
         }
         Ok(Self { blocks, roots: tree.roots.iter().map(|root| *root as u32).collect() })
     }

@@ -4,6 +4,12 @@ use crate::identify::basis::Factor;
 use crate::identify::time::Time;
 use num_complex::Complex64;
 
+/// |x|, quicker than where nothing may overflow.
+#[inline(always)]
+pub(super) fn modulus(x: Complex64) -> f64 {
+    x.norm_sqr().sqrt()
+}
+
 /// `f(ω + s) = a + b s + c s² + ρ` with `|ρ| ≤ rest`, for every |s| up to the half width of the cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Model {
@@ -61,19 +67,19 @@ impl Model {
     /// No value on the cell has a larger modulus.
     #[inline(always)]
     pub(super) fn most(&self, half: f64) -> f64 {
-        self.a.norm() + half * (self.b.norm() + half * self.c.norm()) + self.rest
+        modulus(self.a) + half * (modulus(self.b) + half * modulus(self.c)) + self.rest
     }
 
     /// No value on the cell has a smaller modulus; not positive where nothing is known.
     #[inline(always)]
     pub(super) fn least(&self, half: f64) -> f64 {
-        self.a.norm() - half * (self.b.norm() + half * self.c.norm()) - self.rest
+        modulus(self.a) - half * (modulus(self.b) + half * modulus(self.c)) - self.rest
     }
 
     /// What is left over of the tangent `a + b s`.
     #[inline(always)]
     pub(super) fn curved(&self, half: f64) -> f64 {
-        self.c.norm() * half * half + self.rest
+        modulus(self.c) * half * half + self.rest
     }
 }
 

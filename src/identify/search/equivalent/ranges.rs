@@ -65,8 +65,9 @@ pub struct EquivalentRanges {
 pub fn ranges(question: &Question<'_>, prepared: Option<&Prepared>, ctl: &Ctl) -> Result<EquivalentRanges, Stopped> {
     let Question { problem, pool, plant, norms, .. } = *question;
     let cells = Cells::new(problem.time(), norms.band_rad_s(), CELLS);
+    let powers = pool.feedforward().iter().map(|d| d.coefficients.len()).max().unwrap_or(1);
     let material = Material {
-        trial: Trial::new(problem, plant, &cells),
+        trial: Trial::new(problem, plant, powers, &cells),
         denominators: Denominators::new(problem, pool, &cells, ctl)?,
         norms: Norms::new(pool.feedback(), &cells),
         without_feedback: without_feedback(pool.feedback()),
