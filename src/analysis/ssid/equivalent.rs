@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 const MOST_OF_THE_POOL: f64 = 0.5;
 
 /// In larger pools ranges are looked for only if asked.
-const RANGED: u64 = 1_000_000;
+const RANGED: u64 = 100_000;
 
 /// What is found out about the statistically equivalent set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -24,7 +24,7 @@ pub enum EquivalentSpec {
     /// Nothing.
     None,
     /// The share of the pool, counted in pools of up to 10⁸ candidates, of larger ones from random feedback
-    /// controllers, with an interval; and the ranges of the norms in pools of up to 10⁶ candidates.
+    /// controllers, with an interval; and the ranges of the norms in pools of up to 10⁵ candidates.
     #[default]
     Automatic,
     /// The same, with the ranges in pools of any size: appendix B takes minutes.
