@@ -275,7 +275,7 @@ fn a_report_says_first_that_the_command_does_not_determine_the_feedback() {
     let report = run(&request(0.4, 13, Value::Null));
     let set = &report.result["equivalent"];
     assert!(set["share"].as_f64().unwrap() >= 0.5, "{set}");
-    assert_eq!(report.warnings[0].code, "feedback_not_determined");
+    assert_eq!(report.warnings[0].code, "command_does_not_determine_feedback");
     assert!(report.warnings[0].message.starts_with("the command alone does not determine the feedback"));
     assert_eq!((&set["norms_reason"], &set["draws"]), (&Value::Null, &json!(0)));
     let size = report.result["certificate"]["pool_size"].as_f64().unwrap();
@@ -288,7 +288,7 @@ fn a_report_says_first_that_the_command_does_not_determine_the_feedback() {
     // Good data determine it, and nothing is said.
     let report = run(&request(1e-4, 13, json!("counted")));
     assert!(report.result["equivalent"]["share"].as_f64().unwrap() < 0.2, "{}", report.result["equivalent"]);
-    assert!(report.warnings.iter().all(|warning| warning.code != "feedback_not_determined"));
+    assert!(report.warnings.iter().all(|warning| warning.code != "command_does_not_determine_feedback"));
     // Without noise only the truth is left.
     let report = run(&request(0.0, 13, Value::Null));
     let set = &report.result["equivalent"];

@@ -1,6 +1,5 @@
 //! The candidates that the data cannot tell from the best one, in a report.
 
-use super::result::SsidResult;
 use crate::analysis::report::Warning;
 use crate::control::{Model, System};
 use crate::ctl::{Ctl, Stopped};
@@ -158,7 +157,7 @@ impl EquivalentSet {
     pub(super) fn warning(&self, pool_size: u64) -> Option<Warning> {
         (self.share >= MOST_OF_THE_POOL).then(|| {
             Warning::new(
-                "feedback_not_determined",
+                "command_does_not_determine_feedback",
                 format!(
                     "the command alone does not determine the feedback: {:.1} % of the pool's {pool_size} candidates \
                      cannot be told from the best one by the F test at {:.0} % ({} equations, {} unknowns){}",
@@ -173,20 +172,19 @@ impl EquivalentSet {
     }
 }
 
-/// Adds the set to a result, or why there is none; what is said of it comes first among the warnings.
-pub(super) fn add(
+/// The set, or why there is none; what is said of it comes first among the warnings.
+pub(super) fn find(
     found: &Identified,
     searched: &Searched,
     spec: EquivalentSpec,
-    result: &mut SsidResult,
+    band_rad_s: [f64; 2],
     warnings: &mut Vec<Warning>,
     ctl: &Ctl,
-) -> Result<(), Stopped> {
+) -> Result<Result<EquivalentSet, String>, Stopped> {
     if spec == EquivalentSpec::None {
-        result.equivalent_reason = Some("the spec asks for none".to_owned());
-        return Ok(());
+        return Ok(Err("the spec asks for none".to_owned()));
     }
-    let norms = Norms { plant: &found.plant, band_rad_s: result.metrics.band_rad_s };
+    let norms = Norms { plant: &found.plant, band_rad_s };
     let is_asked = matches!(spec, EquivalentSpec::Ranges | EquivalentSpec::Counted);
     let asked = Asked { ranges: is_asked || found.pool_size <= RANGED, count: spec == EquivalentSpec::Counted };
     match equivalent_set(found, searched, &norms, asked, ctl) {
@@ -195,12 +193,11 @@ pub(super) fn add(
             if let Some(warning) = set.warning(found.pool_size) {
                 warnings.insert(0, warning);
             }
-            result.equivalent = Some(set);
+            Ok(Ok(set))
         }
-        Err(NoSet::Stopped(stopped)) => return Err(stopped),
-        Err(error) => result.equivalent_reason = Some(error.to_string()),
+        Err(NoSet::Stopped(stopped)) => Err(stopped),
+        Err(error) => Ok(Err(error.to_string())),
     }
-    Ok(())
 }
 
 impl From<&identify::EquivalentSet> for EquivalentSet {

@@ -143,7 +143,10 @@ impl Analysis for Plan {
         result.near_optimal.warn(&mut warnings);
         let in_set = ctl.scope(shares.equivalent);
         let asked = used.equivalent.unwrap_or_default();
-        equivalent::add(&found, &searched, asked, &mut result, &mut warnings, ctl).map_err(Failure::Stopped)?;
+        match equivalent::find(&found, &searched, asked, band_rad_s, &mut warnings, ctl).map_err(Failure::Stopped)? {
+            Ok(set) => result.equivalent = Some(set),
+            Err(reason) => result.equivalent_reason = Some(reason),
+        }
         drop(in_set);
         drop(searched);
         if let (Some(delays), Some(period)) = (self.spec.delays.as_ref(), found.plant.sample_time_s()) {
