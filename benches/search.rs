@@ -1,7 +1,8 @@
 //! How fast the pool search is, and how quick polling stays while it runs.
 //!
 //! `cargo bench --bench search` takes about a minute; `-- --smoke` some seconds, for CI: it asserts only that the
-//! machinery works, and prints what it measured. `-- --appendix-b` searches that pool in full and nothing else.
+//! machinery works, and prints what it measured. `-- --appendix-b` searches that pool in full and nothing else; with
+//! `--ranges` the ranges of the statistically equivalent set are timed beside each search, which takes minutes a trial.
 #![allow(unreachable_pub, clippy::unwrap_used, clippy::print_stdout)]
 
 use rand::RngExt;
@@ -15,7 +16,11 @@ use volition::control::System;
 use volition::ctl::Ctl;
 use volition::identify::pool::{Degrees, PoolSpec};
 use volition::identify::problem::{Lines, Problem};
-use volition::identify::search::{Clusters, Search, SensitivitySearch};
+use volition::identify::search::{
+    BandNorms, Clusters, ExtremeMember, NormRange, Prepared, Question, Search, SensitivitySearch, Threshold, ranges,
+    share,
+};
+use volition::learning::frequency_domain::{norm_feedback, norm_feedforward_plant_minus_one};
 use volition::num::{Complex64, rng};
 use volition::plants::catalogue;
 use volition::simulate::SimulatedStudy;
@@ -37,8 +42,29 @@ fn main() {
     tokio::runtime::Runtime::new().unwrap().block_on(polling_under_load(if smoke { 100 } else { 2000 }));
 }
 
+/// The norms of a report over the band of appendix B.
+#[derive(Debug)]
+struct Norms<'a>(&'a System);
+
+const BAND: [f64; 2] = [0.2 * std::f64::consts::PI, 0.8 * std::f64::consts::PI];
+
+impl BandNorms for Norms<'_> {
+    fn band_rad_s(&self) -> [f64; 2] {
+        BAND
+    }
+
+    fn feedback(&self, feedback: &System) -> f64 {
+        norm_feedback(feedback, BAND).unwrap_or(f64::INFINITY)
+    }
+
+    fn feedforward_plant_minus_one(&self, feedforward: &System) -> f64 {
+        norm_feedforward_plant_minus_one(self.0, feedforward, BAND).unwrap_or(f64::INFINITY)
+    }
+}
+
 /// Trials from early to late learning with 1 to 30 % noise, over appendix B; the complete pool but for the smoke test.
 fn branch_and_bound(smoke: bool) {
+    let with_ranges = std::env::args().any(|argument| argument == "--ranges");
     let ctl = Ctl::new();
     let plant = System::Continuous(catalogue::two_mass());
     let thin = if smoke { json!({"poles": 6, "zeros": 6, "gains": 6}) } else { json!({}) };
@@ -49,7 +75,7 @@ fn branch_and_bound(smoke: bool) {
     let omega: Vec<f64> = (0..13).map(|k| std::f64::consts::TAU * (0.1 + 0.025 * f64::from(k))).collect();
     let trials = if smoke { 4 } else { 40 };
     let mut clusters = None;
-    let mut times = Vec::new();
+    let (mut times, mut range_times) = (Vec::new(), Vec::new());
     let mut rng = rng::stream(7, "bench");
     let mut draw = || rng.random::<f64>();
     for trial in 0..trials {
@@ -76,10 +102,11 @@ fn branch_and_bound(smoke: bool) {
                 pool.size(),
                 begin.elapsed().as_secs_f64()
             );
-            clusters
+            Prepared::Sensitivity(Arc::new(clusters))
         });
+        let Prepared::Sensitivity(list) = &*clusters else { unreachable!("clusters were made") };
         let begin = Instant::now();
-        let found = SensitivitySearch { clusters }.search(&problem, &pool, &ctl).unwrap();
+        let found = SensitivitySearch { clusters: list }.search(&problem, &pool, &ctl).unwrap();
         times.push(begin.elapsed().as_secs_f64());
         println!(
             "  learned {learned:.2}, noise {noise:.3}: {:>6.2} s, {:>6.2} million bounds, {:>6.2} million evaluated, \
@@ -89,9 +116,40 @@ fn branch_and_bound(smoke: bool) {
             found.evaluated as f64 / 1e6,
             found.near_optimal
         );
+        if !with_ranges {
+            continue;
+        }
+        let limit = Threshold::new(&problem, recipe.structure(), found.cost).unwrap().limit;
+        let norms = Norms(&plant);
+        let question =
+            Question { problem: &problem, pool: &pool, plant: &plant, limit, best: found.index, norms: &norms };
+        let begin = Instant::now();
+        let set = ranges(&question, Some(clusters), &ctl).unwrap();
+        range_times.push(begin.elapsed().as_secs_f64());
+        let begin = Instant::now();
+        let share = share(&question, false, &ctl).unwrap();
+        let of = |range: &NormRange| {
+            let norm = |end: &Option<ExtremeMember>| end.as_ref().map_or(f64::INFINITY, |member| member.norm);
+            format!("{:.4} to {:.4}", norm(&range.least), norm(&range.largest))
+        };
+        println!(
+            "    equivalent: {:>6.2} s ({:>5.1} times), {:>6.2} million bounds, {:>6} norms, share {:.3} in {:.2} s; \
+             feedback {}, distance {}",
+            range_times[range_times.len() - 1],
+            range_times[range_times.len() - 1] / times[times.len() - 1],
+            set.bounded as f64 / 1e6,
+            set.evaluated,
+            share.share,
+            begin.elapsed().as_secs_f64(),
+            of(&set.feedback),
+            of(&set.feedforward_plant_minus_one)
+        );
     }
     times.sort_by(f64::total_cmp);
-    println!("  per trial: median {:.2} s, worst {:.2} s", times[times.len() / 2], times[times.len() - 1]);
+    range_times.sort_by(f64::total_cmp);
+    for (name, times) in [("search", &times), ("ranges", &range_times)].into_iter().filter(|(_, t)| !t.is_empty()) {
+        println!("  {name} per trial: median {:.2} s, worst {:.2} s", times[times.len() / 2], times[times.len() - 1]);
+    }
     // Where the system tells: the most memory that this process has had.
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     if let Some(peak) = status.lines().find_map(|line| line.strip_prefix("VmHWM:")) {

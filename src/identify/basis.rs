@@ -34,8 +34,20 @@ pub struct Basis {
 pub struct Part {
     /// Value of each basis function at each line.
     pub values: Vec<Vec<f64>>,
-    /// Each basis function's polynomial in t, ascending powers.
     polynomials: Vec<Vec<f64>>,
+}
+
+/// What the polynomials of a part are multiplied with: see the table above.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Factor {
+    /// 1.
+    One,
+    /// ω.
+    Omega,
+    /// The cosine of this multiple of θ.
+    Cosine(f64),
+    /// The sine of this multiple of θ.
+    Sine(f64),
 }
 
 /// The lines do not determine a numerator.
@@ -92,6 +104,11 @@ impl Part {
             part.polynomials.push(polynomial);
         }
         Ok(part)
+    }
+
+    /// Each basis function's polynomial in t, ascending powers.
+    pub(crate) fn polynomials(&self) -> &[Vec<f64>] {
+        &self.polynomials
     }
 
     /// The number of basis functions.
@@ -178,6 +195,28 @@ impl Basis {
     #[must_use]
     pub fn odd(&self) -> &Part {
         &self.odd
+    }
+
+    /// The factor of each part.
+    pub(crate) fn factors(&self) -> [Factor; 2] {
+        match self.time {
+            Time::Continuous => [Factor::One, Factor::Omega],
+            Time::Sampled(_) if self.degree.is_multiple_of(2) => [Factor::One, Factor::Sine(1.0)],
+            Time::Sampled(_) => [Factor::Cosine(0.5), Factor::Sine(0.5)],
+        }
+    }
+
+    /// Centre and half width of t in y.
+    pub(crate) fn scale(&self) -> [f64; 2] {
+        [self.centre, self.half]
+    }
+
+    /// The time whose angle ωt the numerator is turned back by before it splits: nT/2, or 0 in continuous time.
+    pub(crate) fn turning_s(&self) -> f64 {
+        match self.time {
+            Time::Continuous => -self.delay_s,
+            Time::Sampled(t) => 0.5 * self.degree as f64 * t.period_s() - self.delay_s,
+        }
     }
 
     /// The same numerator behind a delay (a lead, where negative): it is `N e^{−jω delay}` that splits, and N whose

@@ -4,6 +4,7 @@
 pub mod basis;
 pub mod both_stimuli;
 pub mod delayed;
+pub mod equivalent;
 pub mod family;
 mod findings;
 pub mod identifiability;

@@ -9,20 +9,21 @@ use super::basis::TooFewLines;
 use super::delayed::is_stable;
 use super::family::{Member, family};
 use super::findings::findings;
-use super::identifiability::{self, Identifiability};
+use super::identifiability::{self, Identifiability, Structure};
 use super::pool::{Pool, PoolError, Recipe};
 use super::problem::{Dropped, Line, Lines, Problem};
-use super::search::{MOST_NEAR, Optimum, Search, exact};
-use super::time::Time;
+use super::search::screen::systems::{NotFinite, systems};
+use super::search::{MOST_NEAR, Optimum, Prepared, Search};
 use crate::control::discretise::{DiscretiseError, zero_order_hold};
 use crate::control::model::whole_samples;
 use crate::control::time_base::BadSampleTime;
-use crate::control::{Continuous, Discrete, ModelError, System, TimeBase, TransferFunction};
+use crate::control::{Discrete, ModelError, System, TimeBase, TransferFunction};
 use crate::ctl::{Bracket, Ctl, Stopped};
 use crate::num::linalg::NoConvergence;
 use crate::person::two_degrees_of_freedom::TwoDegreesOfFreedom;
 use crate::response::FrequencyData;
 use num_complex::Complex64;
+use std::sync::Arc;
 
 /// How lines are weighted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
@@ -195,6 +196,19 @@ pub struct Identified {
     pub findings: Vec<Finding>,
 }
 
+/// What an identification searched, for whoever has more to ask about it.
+#[derive(Debug)]
+pub struct Searched {
+    /// What candidates are judged by.
+    pub problem: Problem,
+    /// The candidates.
+    pub pool: Arc<Pool>,
+    /// What the search had prepared, if anything.
+    pub prepared: Option<Prepared>,
+    /// The degrees of the controllers.
+    pub structure: Structure,
+}
+
 /// The plant in the time base that the recipe asks for: a continuous plant with sampled controllers goes through a
 /// zero-order hold (Zhang 2015, section 5.6.1).
 ///
@@ -240,6 +254,21 @@ pub fn identify_delayed(
     search: &impl Search,
     ctl: &Ctl,
 ) -> Result<Identified, SsidError> {
+    identify_searched(plant, plant_delay_s, data, settings, search, ctl).map(|(identified, _)| identified)
+}
+
+/// [`identify_delayed`], and what was searched.
+///
+/// # Errors
+/// [`SsidError`].
+pub fn identify_searched(
+    plant: &System,
+    plant_delay_s: f64,
+    data: &FrequencyData,
+    settings: &Settings,
+    search: &impl Search,
+    ctl: &Ctl,
+) -> Result<(Identified, Searched), SsidError> {
     let recipe = &settings.recipe;
     let plant = plant_for(recipe, plant, settings.sample_time_s)?;
     let (plant, plant_delay_s) = match plant {
@@ -265,8 +294,10 @@ pub fn identify_delayed(
     let pool = search.pool(recipe, &plant, ctl)?;
     check_size(&pool, settings.max_candidates)?;
     ctl.begin_search();
-    let mut optimum =
-        search.search(&problem, &pool, ctl).map_err(|stopped| interrupted(stopped, &problem, &pool, ctl))?;
+    let prepared = search.prepare(&problem, &pool, ctl)?;
+    let mut optimum = search
+        .search_prepared(&problem, &pool, prepared.as_ref(), ctl)
+        .map_err(|stopped| interrupted(stopped, &problem, &pool, ctl))?;
     if !optimum.cost.is_finite() {
         return Err(SsidError::NotFinite("cost: the data are too large"));
     }
@@ -307,7 +338,7 @@ pub fn identify_delayed(
         optimum,
     };
     identified.findings = findings(&identified, recipe, &pool, pool.position(identified.optimum.index));
-    Ok(identified)
+    Ok((identified, Searched { problem, pool, prepared, structure }))
 }
 
 /// A sampled plant with a delay of whole samples.
@@ -383,13 +414,7 @@ pub(super) fn check_size(pool: &Pool, limit: u64) -> Result<(), SsidError> {
 
 /// A candidate with its best feedforward numerator: its cost by QR, and Gff and Gfb.
 pub(super) fn controllers(problem: &Problem, pool: &Pool, index: u64) -> Result<(f64, [System; 2]), SsidError> {
-    let candidate = pool.candidate(pool.position(index));
-    let fit = exact::fit(problem, &candidate);
-    let numerator: Vec<f64> = candidate.feedback_numerator.iter().map(|c| candidate.feedback_gain * c).collect();
-    let time = pool.region().time;
-    let feedforward = system(time, &fit.feedforward_numerator, &candidate.feedforward_denominator, "feedforward")?;
-    let feedback = system(time, &numerator, &candidate.feedback_denominator, "feedback")?;
-    Ok((fit.cost, [feedforward, feedback]))
+    systems(problem, pool, &pool.candidate(pool.position(index))).map_err(|NotFinite(part)| SsidError::NotFinite(part))
 }
 
 /// What a stopped search leaves. Its incumbent gets the cost by QR, which is what a finished search would have said.
@@ -398,14 +423,6 @@ fn interrupted(stopped: Stopped, problem: &Problem, pool: &Pool, ctl: &Ctl) -> S
     let Ok((cost, [feedforward, feedback])) = controllers(problem, pool, bracket.index) else { return stopped.into() };
     ctl.set_bracket(Bracket { incumbent: cost, ..bracket });
     SsidError::Interrupted(Box::new(Interrupted { stopped, feedforward, feedback }))
-}
-
-fn system(time: Time, num: &[f64], den: &[f64], part: &'static str) -> Result<System, SsidError> {
-    match time {
-        Time::Continuous => TransferFunction::new(num, den, Continuous).map(System::Continuous),
-        Time::Sampled(time) => TransferFunction::new(num, den, time).map(System::Discrete),
-    }
-    .map_err(|_| SsidError::NotFinite(part))
 }
 
 /// Poles, and the response from command to output at the lines.

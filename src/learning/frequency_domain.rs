@@ -131,6 +131,18 @@ pub fn controller_metrics_delayed(
     )
 }
 
+/// ‖Gfb‖ alone, as [`controller_metrics`] computes it; `None` where it is infinite.
+#[must_use]
+pub fn norm_feedback(feedback: &System, [from, to]: [f64; 2]) -> Option<f64> {
+    mean(|omega| feedback_modulus(quotient(fraction(feedback, omega))), from, to).ok()
+}
+
+/// ‖Gff G − 1‖ alone, as [`controller_metrics`] computes it; `None` where it is infinite.
+#[must_use]
+pub fn norm_feedforward_plant_minus_one(plant: &System, feedforward: &System, [from, to]: [f64; 2]) -> Option<f64> {
+    mean(|omega| distance_modulus(fraction(plant, omega), quotient(fraction(feedforward, omega))), from, to).ok()
+}
+
 /// [`controller_metrics`] of responses given as functions of ω in rad/s; the plant as numerator and denominator, so
 /// that its inverse exists at its poles.
 ///
@@ -160,7 +172,7 @@ pub fn controller_metrics_of(
             None
         }
     };
-    let norm_feedback = note("norm_feedback", mean(|w| modulus(feedback(w), 0.0), from, to));
+    let norm_feedback = note("norm_feedback", mean(|w| feedback_modulus(feedback(w)), from, to));
     let norm_feedforward_minus_inverse = note(
         "norm_feedforward_minus_inverse",
         mean(
@@ -173,17 +185,8 @@ pub fn controller_metrics_of(
             to,
         ),
     );
-    let norm_feedforward_plant_minus_one = note(
-        "norm_feedforward_plant_minus_one",
-        mean(
-            |w| {
-                let (num, den) = plant(w);
-                modulus(feedforward(w) * num / den - 1.0, 1.0)
-            },
-            from,
-            to,
-        ),
-    );
+    let norm_feedforward_plant_minus_one =
+        note("norm_feedforward_plant_minus_one", mean(|w| distance_modulus(plant(w), feedforward(w)), from, to));
     Ok(ControllerMetrics {
         norm_feedback,
         norm_feedforward_minus_inverse,
@@ -196,6 +199,14 @@ pub fn controller_metrics_of(
 fn modulus(value: Complex64, subtracted: f64) -> Sample {
     let value = value.norm();
     Sample { value, terms: value + subtracted }
+}
+
+fn feedback_modulus(feedback: Complex64) -> Sample {
+    modulus(feedback, 0.0)
+}
+
+fn distance_modulus((num, den): (Complex64, Complex64), feedforward: Complex64) -> Sample {
+    modulus(feedforward * num / den - 1.0, 1.0)
 }
 
 fn quotient((num, den): (Complex64, Complex64)) -> Complex64 {

@@ -141,6 +141,14 @@ pub(crate) fn beta_quantile(p: f64, a: f64, b: f64) -> f64 {
     root(|x| beta_i(a, b, x) - p, 0.0, 1.0).unwrap_or(f64::NAN)
 }
 
+/// The x with `P(X ≤ x) = p` of Fisher's F, 0 < p < 1, both degrees finite: with `I_y(a/2, b/2) = p`, `x = b y/(a (1 −
+/// y))`.
+#[must_use]
+pub(crate) fn f_quantile(p: f64, numerator: f64, denominator: f64) -> f64 {
+    let y = beta_quantile(p, 0.5 * numerator, 0.5 * denominator);
+    denominator * y / (numerator * (1.0 - y))
+}
+
 /// The two-sided bound t of Student's distribution: `P(|X| ≤ t) = level`; infinite degrees give the normal one.
 #[must_use]
 pub(crate) fn student_t(level: f64, degrees: f64) -> f64 {
@@ -205,6 +213,8 @@ mod tests {
         near(student_t(0.95, 5.0), 2.570_581_836, 1e-8);
         near(chi_square_cdf(18.307_038, 10.0), 0.95, 1e-7);
         near(f_cdf(3.325_835, 5.0, 10.0), 0.95, 1e-6);
+        near(f_quantile(0.95, 5.0, 10.0), 3.325_834_530, 1e-9);
+        near(f_quantile(0.95, 11.0, 15.0), 2.506_805_7, 1e-7);
         near(f_cdf(1.830_703_8, 10.0, f64::INFINITY), 0.95, 1e-7);
         near(normal_cdf(1.0), 0.841_344_746_068_543, 1e-14);
         near(normal_cdf(-NORMAL_95), 0.025, 1e-14);

@@ -22,6 +22,7 @@ mod simulate;
 mod ssid_appendix_b;
 mod ssid_coverage;
 mod ssid_delayed;
+mod ssid_equivalent;
 mod ssid_examples;
 mod ssid_kept;
 mod ssid_mimo;

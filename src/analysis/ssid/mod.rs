@@ -7,6 +7,7 @@
 
 mod delay_spec;
 mod delayed;
+mod equivalent;
 mod family;
 mod inputs;
 mod refined;
@@ -30,13 +31,14 @@ use crate::control::{System, TransferFunction};
 use crate::ctl::{Ctl, Phase};
 use crate::identify::refine::{Delay, Delays, Refined};
 use crate::identify::search::Automatic;
-use crate::identify::ssid::{Identified, Settings, SsidError, Weights, identify_delayed};
+use crate::identify::ssid::{Identified, Settings, SsidError, Weights, identify_searched};
 use crate::identify::validation::simulated_vaf;
 use crate::learning::frequency_domain::{ControllerMetrics, controller_metrics_delayed};
 use crate::response::{Channels, Estimate, FrequencyError, Repeats, VarianceSource, estimate_between, repeats};
 use crate::trial::Trial;
 pub use delay_spec::{DelayRange, DelaySpec, DelayValueSpec};
 pub use delayed::{DelayedPoint, DelayedPool};
+pub use equivalent::{EquivalentMember, EquivalentRange, EquivalentSet, EquivalentSpec};
 pub use family::{FamilySpread, NearCandidate, NearOptimal, SpreadAtLine};
 pub use inputs::{SsidInputs, SsidResponses};
 pub use refined::{BootstrapSpec, RefinedResult, RefinementStop};
@@ -78,7 +80,7 @@ impl Analysis for Plan {
                                    candidates whose loop is stable, with its certificate, the candidates that fit \
                                    nearly as well, and a refinement with bands (Zhang 2015, algorithms 2.1, 3.1 and \
                                    5.1).";
-    const RESULT_VERSION: u32 = 5;
+    const RESULT_VERSION: u32 = 6;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = SsidInputs;
@@ -119,8 +121,8 @@ impl Analysis for Plan {
         let search = Automatic { method: self.spec.search, pools: &*library.pools };
         let shares = self.shares();
         let in_search = ctl.scope(shares.search);
-        let found =
-            identify_delayed(&plant, plant_delay_s, &data, &settings, &search, ctl).map_err(|error| match error {
+        let (found, searched) =
+            identify_searched(&plant, plant_delay_s, &data, &settings, &search, ctl).map_err(|error| match error {
                 SsidError::Stopped(stopped) => Failure::Stopped(stopped),
                 SsidError::Interrupted(interrupted) => Failure::Interrupted {
                     stopped: interrupted.stopped,
@@ -139,6 +141,14 @@ impl Analysis for Plan {
             validate(&found, [&found.feedforward, &found.feedback], &trials, metrics.band_rad_s, Some(&mut warnings));
         let mut result = SsidResult::new(&found, metrics, vaf, trials.is_empty());
         result.near_optimal.warn(&mut warnings);
+        let in_set = ctl.scope(shares.equivalent);
+        let asked = used.equivalent.unwrap_or_default();
+        match equivalent::find(&found, &searched, asked, band_rad_s, &mut warnings, ctl).map_err(Failure::Stopped)? {
+            Ok(set) => result.equivalent = Some(set),
+            Err(reason) => result.equivalent_reason = Some(reason),
+        }
+        drop(in_set);
+        drop(searched);
         if let (Some(delays), Some(period)) = (self.spec.delays.as_ref(), found.plant.sample_time_s()) {
             delay_spec::check_sampled(delays, period)?;
         }
@@ -172,6 +182,7 @@ impl Analysis for Plan {
                 noise: noise.as_ref(),
                 is_weighted_by_noise: self.spec.weights == Weights::InverseVariance,
                 bootstrap: used.bootstrap,
+                band_rad_s,
                 delays: own_delays.as_ref().or(self.spec.delays.as_ref()),
                 start: delayed.as_ref(),
             };
@@ -236,6 +247,7 @@ const DATA: f64 = 0.02;
 /// How the time is shared out, about.
 struct Shares {
     search: f64,
+    equivalent: f64,
     delays: f64,
     refinement: f64,
     structures: f64,
@@ -250,10 +262,12 @@ impl Plan {
         let draws = used.bootstrap.map_or(0, |bootstrap| bootstrap.draws) as f64;
         let refinement = if self.spec.refine { 0.02 * (1.0 + draws) } else { 0.0 };
         let structures = self.spec.structures.len() as f64;
-        let whole = 1.0 + delays + refinement + structures;
+        let equivalent = if used.equivalent == Some(EquivalentSpec::None) { 0.0 } else { 1.0 };
+        let whole = 1.0 + equivalent + delays + refinement + structures;
         let share = |part: f64| (1.0 - DATA) * part / whole;
         Shares {
             search: share(1.0),
+            equivalent: share(equivalent),
             delays: share(delays),
             refinement: share(refinement),
             structures: share(structures),

@@ -12,6 +12,7 @@ use crate::identify::refine::{
 };
 use crate::identify::ssid::Identified;
 use crate::identify::time::Time;
+use crate::learning::frequency_domain::{ControllerMetrics, controller_metrics_delayed};
 use crate::num::least_squares::Stop;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -99,6 +100,8 @@ pub struct RefinedResult {
     pub closed_loop_poles: Vec<[f64; 2]>,
     /// Closed-loop stability.
     pub stability: Stability,
+    /// Norms over the band of the result's `metrics`, of the controllers with their delays.
+    pub metrics: ControllerMetrics,
     /// How well the lines tell the coefficients apart, at the refined optimum.
     pub identifiability: Identifiability,
     /// Simulation on the trials that were fitted; empty without trials.
@@ -146,6 +149,8 @@ pub(super) struct Questions<'a> {
     /// Whether lines are weighted by the inverse of the noise's variance.
     pub is_weighted_by_noise: bool,
     pub bootstrap: Option<BootstrapSpec>,
+    /// The band of the norms.
+    pub band_rad_s: [f64; 2],
     pub delays: Option<&'a Delays>,
     /// Gff and Gfb to start from instead of the best candidate.
     pub start: Option<&'a [System; 2]>,
@@ -209,6 +214,14 @@ pub(super) fn refine(
         (_, None) => Some("the derivatives at the optimum have no singular value decomposition".to_owned()),
         _ => None,
     };
+    // ‖Gff e^{−jωτ} G − 1‖ is that of the plant with the feedforward's delay; a delay leaves ‖Gfb‖ as it is.
+    let (plant, [low, high]) = (&found.plant, questions.band_rad_s);
+    let delay_s = refined.feedforward_delay_s;
+    let metrics = controller_metrics_delayed(plant, delay_s, &refined.feedforward, &refined.feedback, (low, high));
+    let metrics = match metrics {
+        Ok(metrics) => metrics,
+        Err(error) => return Ok(Err(error.to_string())),
+    };
     let time = Time::of(&found.plant);
     let result = RefinedResult {
         feedforward: refined.feedforward.to_model(),
@@ -233,6 +246,7 @@ pub(super) fn refine(
                 .map(|_| refined.closed_loop_poles.iter().map(|p| p.norm()).fold(0.0, f64::max)),
             margin_per_s: found.stability_margin,
         },
+        metrics,
         identifiability: judge(&problem, questions.structure, &refined.feedforward, &refined.feedback),
         simulated_vaf: Vec::new(),
         uncertainty,

@@ -1,6 +1,7 @@
 //! The result of an identification.
 
 use super::delayed::DelayedPool;
+use super::equivalent::EquivalentSet;
 use super::family::NearOptimal;
 use super::refined::RefinedResult;
 use super::structures::StructureComparison;
@@ -111,6 +112,10 @@ pub struct SsidResult {
     pub certificate: Certificate,
     /// Candidates that fit nearly as well: how flat the optimum is.
     pub near_optimal: NearOptimal,
+    /// The candidates that the data cannot tell from the best one; null where there is no such set.
+    pub equivalent: Option<EquivalentSet>,
+    /// Why `equivalent` is null.
+    pub equivalent_reason: Option<String>,
     /// The pool searched with delays; null where the spec does not ask for that.
     #[serde(default)]
     pub delayed: Option<DelayedPool>,
@@ -189,6 +194,8 @@ impl SsidResult {
                 cost_of_coefficients: found.cost_of_coefficients,
             },
             near_optimal: NearOptimal::new(found, (metrics.band_rad_s[0], metrics.band_rad_s[1])),
+            equivalent: None,
+            equivalent_reason: None,
             delayed: None,
             closed_loop_poles: found.closed_loop_poles.iter().map(|p| [p.re, p.im]).collect(),
             stability: Stability {

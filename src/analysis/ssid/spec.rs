@@ -1,6 +1,7 @@
 //! How it is identified: as written, and checked.
 
 use super::delay_spec::DelaySpec;
+use super::equivalent::EquivalentSpec;
 use super::inputs::several_channels;
 use super::refined::{BootstrapSpec, MAX_DRAWS};
 use super::structures::{MAX_STRUCTURES, StructureSpec};
@@ -70,6 +71,9 @@ pub struct SsidSpec {
     /// Pure delays of the person, in the refinement and, if asked, in the search of the pool. Default: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub delay: Option<DelaySpec>,
+    /// What is found out about the candidates that the data cannot tell from the best one. Default: `automatic`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub equivalent: Option<EquivalentSpec>,
     /// Structures to compare over the same pool family. Default: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub structures: Option<Vec<StructureSpec>>,
@@ -221,6 +225,7 @@ impl CheckedSpec {
             refine: Some(refine),
             bootstrap: written.bootstrap,
             delay: written.delay,
+            equivalent: Some(written.equivalent.unwrap_or_default()),
             structures: written.structures,
         };
         Ok(Self { used, recipe, frequency, delays, structures, weights, search, max_candidates, refine })

@@ -52,6 +52,11 @@ impl Row<'_> {
         self.positions
     }
 
+    /// The controllers, in order.
+    pub fn controllers(&self) -> impl Iterator<Item = Feedback> {
+        (0..self.gains.len()).filter_map(|i| self.get(i))
+    }
+
     fn get(&self, i: usize) -> Option<Feedback> {
         let gain = *self.gains.get(i)?;
         let Self { denominator, numerator, .. } = *self;

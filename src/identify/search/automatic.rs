@@ -33,20 +33,34 @@ impl Search for Automatic<'_> {
     }
 
     fn search(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Optimum, Stopped> {
+        let prepared = self.prepare(problem, pool, ctl)?;
+        self.search_prepared(problem, pool, prepared.as_ref(), ctl)
+    }
+
+    fn prepare(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Option<Prepared>, Stopped> {
         if self.method == Method::Exhaustive
             || pool.size() <= SMALL
             || !factored::can_search(problem)
             || !sensitivity::can_search(problem)
         {
-            ctl.enter(Phase::Search, 1.0);
-            return Exhaustive.search(problem, pool, ctl);
+            return Ok(None);
         }
         ctl.enter(Phase::Preparation, TREES);
-        let prepared = self.pools.prepared(problem, pool, ctl)?;
+        self.pools.prepared(problem, pool, ctl).map(Some)
+    }
+
+    fn search_prepared(
+        &self,
+        problem: &Problem,
+        pool: &Pool,
+        prepared: Option<&Prepared>,
+        ctl: &Ctl,
+    ) -> Result<Optimum, Stopped> {
         ctl.enter(Phase::Search, 1.0);
         match prepared {
-            Prepared::Sensitivity(clusters) => SensitivitySearch { clusters: &clusters }.search(problem, pool, ctl),
-            Prepared::Factored(trees) => FactoredSearch { trees: &trees }.search(problem, pool, ctl),
+            None => Exhaustive.search(problem, pool, ctl),
+            Some(Prepared::Sensitivity(clusters)) => SensitivitySearch { clusters }.search(problem, pool, ctl),
+            Some(Prepared::Factored(trees)) => FactoredSearch { trees }.search(problem, pool, ctl),
         }
     }
 }

@@ -6,19 +6,25 @@
 //! | `screen` | what a search is asked and answers; one candidate by QR; every candidate by normal equations |
 //! | `factored` | branch and bound over candidates as products of poles, zeros and gains |
 //! | `sensitivity` | branch and bound over clusters of controllers of like sensitivity |
+//! | `equivalent` | the candidates that the data cannot tell from the best one: how many, and how far they differ |
 //!
 //! Each uses those before it. [`Automatic`] chooses among them, and asks for pools and their trees where its caller
 //! keeps them.
 
 mod automatic;
+mod equivalent;
 mod factored;
 mod keys;
 pub(crate) mod prepared;
-mod screen;
+pub(super) mod screen;
 mod sensitivity;
 pub(crate) mod simd;
 
 pub use automatic::Automatic;
+pub use equivalent::question::{BandNorms, Question};
+pub use equivalent::ranges::{EquivalentRanges, ExtremeMember, NormRange, ranges};
+pub use equivalent::share::{Share, share};
+pub use equivalent::threshold::{LEVEL, Threshold};
 pub use factored::search::FactoredSearch;
 pub use factored::trees::FactorTrees;
 pub use prepared::{KeepNothing, Prepared, PreparedPools, RecipeOnPlant};

@@ -12,7 +12,7 @@ const LARGEST_TABLE: usize = 1 << 23;
 /// logarithms of the stable members' gains. Clusters too small for the table have the range of the smallest cluster
 /// around them that is in it.
 #[derive(Debug)]
-pub(super) struct Ranges {
+pub(crate) struct Ranges {
     /// Position of each node of the two trees in the table.
     pub(super) denominators: Vec<u32>,
     pub(super) numerators: Vec<u32>,
@@ -146,7 +146,7 @@ impl Ranges {
 
     /// The range `[low, high)` of the logarithms of the gains of a sign; empty (low above high) where no member is
     /// stable.
-    pub(super) fn of(&self, denominators: usize, numerators: usize, negative: bool) -> [f64; 2] {
+    pub(crate) fn of(&self, denominators: usize, numerators: usize, negative: bool) -> [f64; 2] {
         let at = self.denominators[denominators] as usize * self.columns + self.numerators[numerators] as usize;
         let range = &self.table[at];
         let sign = 2 * usize::from(negative);

@@ -14,19 +14,19 @@ pub(super) const LEAF: usize = 2;
 #[derive(Debug)]
 pub struct FactorTrees {
     /// Responses `1/D`, scaled to a geometric mean of one over the lines, and what each was divided by.
-    pub(super) denominators: Factors,
-    pub(super) numerators: Factors,
+    pub(crate) denominators: Factors,
+    pub(crate) numerators: Factors,
     pub(super) feedforward: Factors,
-    pub(super) ranges: Ranges,
+    pub(crate) ranges: Ranges,
     /// How many denominators make a stable loop without feedback, and the first of them.
     pub(super) without_feedback: Option<(u64, usize)>,
     /// Logarithmic distance of neighbouring gains, on average.
-    pub(super) gain_step: f64,
+    pub(crate) gain_step: f64,
 }
 
 /// The factors of one kind.
 #[derive(Debug)]
-pub(super) struct Factors {
+pub(crate) struct Factors {
     pub tree: Tree,
     pub responses: Vec<Vec<Complex64>>,
     pub scales: Vec<f64>,

@@ -7,3 +7,5 @@ pub(super) mod exhaustive;
 mod kernel;
 mod near;
 pub(super) mod optimum;
+pub(crate) mod systems;
+pub(crate) mod within;

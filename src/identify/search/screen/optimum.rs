@@ -4,6 +4,7 @@ use crate::control::System;
 use crate::ctl::{Ctl, Stopped};
 use crate::identify::pool::{Pool, PoolError, Recipe};
 use crate::identify::problem::Problem;
+use crate::identify::search::prepared::Prepared;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -54,6 +55,28 @@ pub trait Search {
     /// # Errors
     /// [`Stopped`] when `ctl` says so.
     fn search(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Optimum, Stopped>;
+
+    /// Prepares what bounds on clusters of the pool need, where this search uses any.
+    ///
+    /// # Errors
+    /// [`Stopped`] when `ctl` says so.
+    fn prepare(&self, _problem: &Problem, _pool: &Pool, _ctl: &Ctl) -> Result<Option<Prepared>, Stopped> {
+        Ok(None)
+    }
+
+    /// [`Search::search`] with what [`Search::prepare`] gave.
+    ///
+    /// # Errors
+    /// [`Stopped`] when `ctl` says so.
+    fn search_prepared(
+        &self,
+        problem: &Problem,
+        pool: &Pool,
+        _prepared: Option<&Prepared>,
+        ctl: &Ctl,
+    ) -> Result<Optimum, Stopped> {
+        self.search(problem, pool, ctl)
+    }
 }
 
 /// The best candidate, and how it was found.

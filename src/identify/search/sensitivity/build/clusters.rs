@@ -150,6 +150,12 @@ impl Clusters {
         }
     }
 
+    /// The row of a member, and its gain as listed.
+    pub(crate) fn row_and_gain(&self, place: usize) -> (usize, f64) {
+        let member = self.members[place];
+        ((member >> GAIN_BITS) as usize, self.gains[(member & ((1 << GAIN_BITS) - 1)) as usize])
+    }
+
     /// The controller of a member.
     pub(crate) fn feedback(&self, place: usize) -> Feedback {
         let member = self.members[place];
