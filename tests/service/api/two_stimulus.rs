@@ -121,7 +121,7 @@ async fn two_trials_give_both_controllers_and_a_third_is_predicted() {
     assert_eq!(of, [&json!(null), &json!("both")]);
     for line in controllers[1]["lines"].as_array().unwrap() {
         let number = |pointer: &str| line.pointer(pointer).and_then(Value::as_f64).unwrap();
-        let truth = subject.feedback_response(std::f64::consts::TAU * number("/frequency_hz"));
+        let truth = subject.feedback_response(TAU * number("/frequency_hz"));
         let found = Complex64::new(number("/feedback/value/0"), number("/feedback/value/1"));
         assert!((found / truth - 1.0).norm() < 0.5, "{line} {truth}");
         assert!(number("/feedforward/magnitude_95/0") < number("/feedforward/magnitude_95/1"));
