@@ -201,7 +201,7 @@ impl<T: TimeBase> StateSpace<T> {
         let mut scales = vec![1.0; n];
         for _ in 0..MAX_SWEEPS {
             let mut changed = false;
-            for i in 0..n {
+            for (i, scale) in scales.iter_mut().enumerate() {
                 let off_diagonal = |j: &usize| *j != i;
                 let column: f64 = (0..n).filter(off_diagonal).map(|j| balanced.a[(j, i)].abs()).sum::<f64>()
                     + balanced.c.column(i).iter().map(|v| v.abs()).sum::<f64>();
@@ -221,7 +221,7 @@ impl<T: TimeBase> StateSpace<T> {
                 balanced.c.column_mut(i).scale_mut(factor);
                 balanced.a.row_mut(i).scale_mut(1.0 / factor);
                 balanced.b.row_mut(i).scale_mut(1.0 / factor);
-                scales[i] *= factor;
+                *scale *= factor;
             }
             if !changed {
                 break;

@@ -160,7 +160,7 @@ impl<'a> Giving<'a> {
         let (u, values, v) = linalg::svd(&map).ok()?;
         let count = m * n;
         let least = *values.get(count - 1)?;
-        if !(least > NOISE * UNIT * (of_q + of_r) as f64 * values[0]) {
+        if least.is_nan() || least <= NOISE * UNIT * (of_q + of_r) as f64 * values[0] {
             return None;
         }
         let scaled = DMatrix::from_fn(count, count, |i, j| u[(j, i)] / (values[i] * unit[j]));

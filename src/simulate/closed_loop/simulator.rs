@@ -160,8 +160,7 @@ impl<'a> Simulator<'a> {
     pub fn refine(&mut self, drive: &Drive, ctl: &Ctl) -> Result<(Simulated, NumericalError), SimulatorError> {
         let mut found = self.run(drive, ctl)?;
         let mut error = NumericalError { is_within_tolerance: true, ..NumericalError::default() };
-        loop {
-            let Engine::Continuous(continuous) = &self.engine else { break };
+        while let Engine::Continuous(continuous) = &self.engine {
             let steps = 2 * continuous.steps();
             let is_more = steps <= MOST_STEPS_OF_A_SAMPLE && steps.saturating_mul(self.samples) <= MOST_STEPS;
             if continuous.is_exact() || !is_more {

@@ -217,11 +217,11 @@ impl HalfProblem {
     fn leverage(&mut self, values: &[(f64, f64)]) -> f64 {
         let n = self.size;
         let (mut square, mut around) = (0.0, 0.0);
-        for i in 0..n {
+        for (i, (value, distance)) in values.iter().enumerate().take(n) {
             let known: f64 = (0..i).map(|k| self.gram[i * n + k] * self.work[k]).sum();
-            self.work[i] = (values[i].0 - known) / self.gram[i * n + i];
+            self.work[i] = (value - known) / self.gram[i * n + i];
             square += self.work[i] * self.work[i];
-            around += values[i].1 * self.columns[i];
+            around += distance * self.columns[i];
         }
         square.sqrt() + around
     }
