@@ -334,7 +334,7 @@ fn large_loops_of_several_inputs() {
         assert_eq!(found.verdict, expected, "{round}: n = {}, {:?}", member.a.nrows(), member.clock);
         decided_ones += 1;
     }
-    println!("{decided_ones} large loops decided, {without} sampled ones without a certificate");
+    eprintln!("{decided_ones} large loops decided, {without} sampled ones without a certificate");
     assert!(decided_ones >= 12, "{decided_ones} {without}");
 }
 
@@ -419,6 +419,6 @@ fn the_factor_of_several_inputs_lies_between_two_certificates() {
         }
         checked += 1;
     }
-    println!("{checked} factors, {infeasible} with a stable loop below");
+    eprintln!("{checked} factors, {infeasible} with a stable loop below");
     assert!(checked >= 20 && infeasible >= 5, "{checked} {infeasible}");
 }
