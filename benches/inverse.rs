@@ -17,7 +17,6 @@ use volition::inverse::lqr::decision;
 use volition::inverse::{Gains, Settings, Verdict, inverse_lqr};
 use volition::num::rng;
 
-#[allow(dead_code, reason = "the tests use the rest")]
 #[path = "../tests/support/exact.rs"]
 mod exact;
 #[path = "../tests/support/gain_classes.rs"]

@@ -85,11 +85,11 @@ fn case(number: u32) -> Option<Case> {
             (0.8 + loop_gain) / (1.0 + loop_gain) / (1.0 + Complex64::new(0.0, lag * w)) + scatter
         })
         .collect();
-    let weights: Option<Vec<f64>> = (number % 3 == 0).then(|| omega.iter().map(|_| draw(0.3, 2.0)).collect());
+    let weights: Option<Vec<f64>> = number.is_multiple_of(3).then(|| omega.iter().map(|_| draw(0.3, 2.0)).collect());
     let lines = Lines::new(&plant, &omega, &h, weights.as_deref());
     let problem = Problem::new(&lines, recipe.feedforward_numerator_degree).unwrap();
     // A band within the lines, and one that passes them on both sides.
-    let band = if number % 5 == 0 { [0.2, 4.0] } else { [0.7, 2.9] };
+    let band = if number.is_multiple_of(5) { [0.2, 4.0] } else { [0.7, 2.9] };
     Some(Case { plant, problem, pool, structure: recipe.structure(), band })
 }
 

@@ -73,7 +73,7 @@ async fn nearly_all_intervals_of_the_demonstration_hold_the_truth() {
         held[0] += words[at - 1].parse::<usize>().unwrap();
         held[1] += words[at + 1].parse::<usize>().unwrap();
     }
-    println!("{held:?}");
+    eprintln!("{held:?}");
     assert!(held[1] >= 60 && held[0] * 10 >= held[1] * 8, "{held:?}\n{told}");
     store.close().await;
 }
