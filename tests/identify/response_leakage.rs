@@ -184,8 +184,9 @@ fn without_noise_chirp_trials_give_the_response_and_the_plain_ratio_tells_its_le
     let most = removed.iter().copied().fold(0.0, f64::max);
     let (removed, kept) = (median(removed), median(kept));
     println!("median error {removed:.5} (largest {most:.4}) with transients removed, {kept:.5} with them");
-    // Now and then the lowest line, where the transient of a slow loop is not told from the response.
-    assert!(unusable * 50 < count, "{unusable} of {count}");
+    // Now and then the lowest line, where the transient of a slow loop is not told from the response: of 30 lines and
+    // these people at most one each.
+    assert!(unusable <= 24 && count == 720, "{unusable} of {count}");
     assert!(removed < 0.001 && kept > 5.0 * removed, "{removed} {kept}");
     assert!(told > count * 95 / 100, "{told} of {count}");
 }

@@ -162,7 +162,7 @@ fn deviating(seed: u64) -> Deviating {
 }
 
 fn law(lines: &StimulusLines) -> Fitted {
-    let how = FitSettings { channel: Channel::Control, starts: 1, seed: 1 };
+    let how = FitSettings { channel: Channel::Control, starts: 8, seed: 1 };
     fit(&responses(lines), &person(Muscles::Lag), &how, &Ctl::new()).unwrap()
 }
 

@@ -67,7 +67,7 @@ async fn nearly_all_intervals_of_the_demonstration_hold_the_truth() {
     let store = Store::open(None).await.unwrap();
     let told = text(&store, 1, false, None).await;
     let mut held = [0, 0];
-    for line in told.lines().filter(|line| line.contains("prediction error")) {
+    for line in told.lines().filter(|line| line.trim_start().starts_with("prediction error")) {
         let words: Vec<&str> = line.split_whitespace().collect();
         let Some(at) = words.iter().position(|word| *word == "of") else { continue };
         held[0] += words[at - 1].parse::<usize>().unwrap();

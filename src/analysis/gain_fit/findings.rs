@@ -105,8 +105,8 @@ pub(super) fn warnings(spec: &GainFitSpec, result: &GainFitResult, fit: &Fit<'_>
             warn(
                 "gain_and_filter",
                 format!(
-                    "K and L are hard to tell apart from outputs (Priess 2015, section 6.3): they are those of a person \
-                     whose filter suits the true noise, as the spec assumes, and the condition number of the \
+                    "K and L are hard to tell apart from outputs (Priess 2015, section 6.3): they are those of a \
+                     person whose filter suits the true noise, as the spec assumes, and the condition number of the \
                      information is {condition}. {mend}"
                 ),
             );

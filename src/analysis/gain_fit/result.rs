@@ -166,8 +166,8 @@ pub struct GainFitResult {
     pub parameters: Vec<FittedParameterResult>,
     /// Their covariance in that order, in products of their units; null where the data do not determine all of them.
     pub covariance: Option<Vec<Vec<f64>>>,
-    /// Covariance of the noise (of the prediction errors where the filter is estimated too) of the predicted signals, in
-    /// products of their units.
+    /// Covariance of the noise (of the prediction errors where the filter is estimated too) of the predicted signals,
+    /// in products of their units.
     pub noise_covariance: Vec<Vec<f64>>,
     /// Natural logarithm of the likelihood's density, for outputs in their units.
     pub log_likelihood: f64,

@@ -358,8 +358,8 @@ fn gain_and_filter_lead_to_the_whole_inverse_problem() {
 }
 
 /// A case that once came out wrong (`tests/golden/inverse_cases/README.md`): the person does not know the disturbance,
-/// and the filter is made for other noise than the true one. The truth is K = [22.8285, 7.5943], exact from the recorded
-/// control, and its twin explains the record as well.
+/// and the filter is made for other noise than the true one. The truth is K = [22.8285, 7.5943], exact from the
+/// recorded control, and its twin explains the record as well.
 #[test]
 fn lqg_disturbance_unknown_to_person() {
     let mut value: Value = serde_json::from_str(include_str!(

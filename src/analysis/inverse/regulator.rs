@@ -131,8 +131,9 @@ pub struct InverseLqrResult {
     /// holds. Null without a certificate.
     pub relative_change: Option<f64>,
     /// c*: the factor on the whole gain at which it becomes optimal, dimensionless, whatever the units; below 1 where
-    /// it is. Null where no factor helps. With several inputs to a thousandth, certified on both sides, up to 36 entries
-    /// of the gain; null beyond. It never replaces `relative_change`: a gain on the boundary may have any c* up to 1.
+    /// it is. Null where no factor helps. With several inputs to a thousandth, certified on both sides, up to 36
+    /// entries of the gain; null beyond. It never replaces `relative_change`: a gain on the boundary may have any c* up
+    /// to 1.
     pub c_star: Option<f64>,
     /// Whether the verdict carries no information: in sampled time with a singular A and one input every stabilising
     /// gain that vanishes on the kernel of A is optimal for some Q.
