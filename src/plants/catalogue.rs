@@ -8,6 +8,7 @@ use std::f64::consts::PI;
 /// A plant of the catalogue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
+#[schemars(rename = "CataloguePlant")]
 pub enum Plant {
     /// [`two_mass`].
     TwoMass,

@@ -65,6 +65,7 @@ struct StimulusOfTrial {
 
 /// Gaussian noise, drawn at every sample.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(rename = "SimulateNoiseSource")]
 #[serde(deny_unknown_fields)]
 pub struct NoiseSource {
     /// Standard deviation, in the unit of the signal that it is added to.

@@ -167,7 +167,7 @@ pub struct FreeResponse {
 pub struct FrequencyResponses {
     /// The frequencies, rad/s.
     pub omega_rad_s: Vec<f64>,
-    /// G.
+    /// The plant G, with its delay.
     pub plant: Response,
     /// Gff, with delay and preview.
     pub feedforward: Response,
