@@ -4,7 +4,8 @@
 //! `K(zI − A + BK + LC)⁻¹L` alone, and other pairs (K, L) have the same one. The loop of plant and person has the
 //! matrix `F = [A −BK; LC A−BK−LC]`, with the eigenvalues of A − BK and of A − LC. Any n of these 2n whose invariant
 //! subspace is spanned by the columns of [N; I] give the twin `K₂ = KN⁻¹`, `L₂ = NL`: x̂₂ = Nx̂ is the same estimate in
-//! other states, and A − BK₂ has those n eigenvalues (Priess 2015, §6.3, where it is said that K and L do not separate).
+//! other states, and A − BK₂ has those n eigenvalues (Priess 2015, §6.3, where it is said that K and L do not
+//! separate).
 
 use crate::num::linalg::{self, NoConvergence};
 use crate::num::schur::ComplexSchur;

@@ -6,8 +6,8 @@
 //! ```text
 //! x̂⁺ = A x̂ + B u + E w + L ε,   u = −K x̂,   y = C x̂ + D u + F w + ε,
 //! ```
-//! makes ε, the innovation, white where L is the filter of the true noise and w is known to the person. Solved for ε the
-//! same equations predict y from its own past,
+//! makes ε, the innovation, white where L is the filter of the true noise and w is known to the person. Solved for ε
+//! the same equations predict y from its own past,
 //!
 //! ```text
 //! x̂⁺ = (A − BK − LC + LDK) x̂ + (E − LF) w + L y,   ŷ = (C − DK) x̂ + F w

@@ -314,7 +314,8 @@ fn equal_and_complex_eigenvalues_of_the_gain_times_the_input() {
 }
 
 /// Up to 64 states and eight inputs; `cargo bench --bench inverse -- --full` asks 300 of them. A certificate may be
-/// missing at these sizes (docs/limits.md); then the verdict is the boundary without evidence, and never the other side.
+/// missing at these sizes (docs/limits.md); then the verdict is the boundary without evidence, and never the other
+/// side.
 #[test]
 fn large_loops_of_several_inputs() {
     let mut stream = rng::stream(SEED, "large loops");

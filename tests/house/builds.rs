@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 use std::process::Command;
 
-/// Packages with their features, over these kinds of dependencies; those of the compiler itself (build scripts, procedural
-/// macros) are built apart.
+/// Packages with their features, over these kinds of dependencies; those of the compiler itself (build scripts,
+/// procedural macros) are built apart.
 fn packages(edges: &str) -> BTreeSet<String> {
     let output = Command::new(env!("CARGO"))
         .args(["tree", "--locked", "--prefix", "none", "--edges", edges, "--format", "{p} [{f}]"])

@@ -242,8 +242,8 @@ fn with_delays_it_agrees_with_the_frequency_responses() {
         };
         let theirs = by_frequency(responses, &r, Some(&d), STEP, std::f64::consts::PI / STEP).unwrap();
         let samples = ours.output.len();
-        // Samples of a smooth signal that goes straight between them miss it by a share of (ω T)²/12 on average, which the
-        // feedforward passes on with its gain at high frequency, 25.
+        // Samples of a smooth signal that goes straight between them miss it by a share of (ω T)²/12 on average, which
+        // the feedforward passes on with its gain at high frequency, 25.
         let missed = (5.0 * STEP).powi(2) / 12.0;
         let (y, u) = (farthest(&ours.output, &theirs.output[..samples]), ours.control.unwrap());
         let u = farthest(&u, &theirs.control[..samples]);

@@ -1,8 +1,8 @@
 //! c* of several inputs: the factor on the whole gain at which it becomes optimal, between two certificates.
 //!
 //! cK is optimal for c = 1 − t where `Q ⪰ tKᵀRK` (in sampled time S = R + BᵀPB in the place of R): from c* upwards, in
-//! sampled time up to where R would be lost. It is found by bisection: at the lower end a certificate says that no weights
-//! exist, or the loop is not stable; at the upper end weights are certified.
+//! sampled time up to where R would be lost. It is found by bisection: at the lower end a certificate says that no
+//! weights exist, or the loop is not stable; at the upper end weights are certified.
 
 use super::plane::{self, Outcome};
 use super::{DecisionError, Verdict};
@@ -36,8 +36,8 @@ fn verdict_at(core: &Core, c: f64, ctl: &Ctl) -> Result<Verdict, DecisionError> 
     })
 }
 
-/// c* to a thousandth, where the gain itself has this verdict; `None` where no factor that is tried is certified, or the
-/// certificates of both sides leave a wider gap.
+/// c* to a thousandth, where the gain itself has this verdict; `None` where no factor that is tried is certified, or
+/// the certificates of both sides leave a wider gap.
 pub(super) fn several_inputs(core: &Core, own: Verdict, ctl: &Ctl) -> Result<Option<f64>, DecisionError> {
     let steps = || (0..STEPS).map(|step| (FIRST * 2f64.powi(step)).exp());
     let mut high = (own == Verdict::Feasible).then_some(1.0);

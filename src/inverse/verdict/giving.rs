@@ -1,14 +1,14 @@
 //! How far definite weights may give way to what the data may be, direction by direction.
 //!
 //! With the closed loop `A_c = A − BK` let `Q = −A_cᵀP − PA_c − KᵀRK` (`P − A_cᵀPA_c − KᵀRK` in sampled time). To first
-//! order a change of K does not move Q where P and R are held; but the equality `BᵀPM = RK` (M = I, in sampled time A_c)
-//! is then missed, entry by entry, and P, or P and R, must follow. The change of Q is measured in units of Q itself
-//! (`Q = LLᵀ`, `L⁻¹ΔQL⁻ᵀ`), and is linear in what is missed: its entries are summed without signs over the entries of
-//! the gain, not over the factors of a product, whose signs matter.
+//! order a change of K does not move Q where P and R are held; but the equality `BᵀPM = RK` (M = I, in sampled time
+//! A_c) is then missed, entry by entry, and P, or P and R, must follow. The change of Q is measured in units of Q
+//! itself (`Q = LLᵀ`, `L⁻¹ΔQL⁻ᵀ`), and is linear in what is missed: its entries are summed without signs over the
+//! entries of the gain, not over the factors of a product, whose signs matter.
 //!
 //! - **Held inputs**: R stays, and P follows by `ΔP = g fᵀ + f gᵀ` for each entry, g a row of B⁺.
-//! - **Jointly**: Q and R follow together by the least change in units of both. With cheap control in sampled time R is a
-//!   small difference of `R + BᵀPB` and `BᵀPB`, and P alone would have to move by more than the whole of R. Where that
+//! - **Jointly**: Q and R follow together by the least change in units of both. With cheap control in sampled time R is
+//!   a small difference of `R + BᵀPB` and `BᵀPB`, and P alone would have to move by more than the whole of R. Where that
 //!   least change stays below one, every gain of the box has definite weights.
 
 use crate::control::lyapunov::{Clock, Lyapunov};
