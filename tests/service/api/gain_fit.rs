@@ -101,7 +101,7 @@ async fn trials_go_in_and_the_cost_used_comes_out_with_an_interval_that_covers_i
     });
     let fitted = report(&server, &request).await;
     let result = &fitted["result"];
-    assert_eq!(fitted["schema"], "volition.gain_fit/2");
+    assert_eq!(fitted["schema"], "volition.gain_fit/3");
     assert_eq!(codes(&fitted), Vec::<&str>::new());
     assert_eq!(result["convergence"]["converged"], true);
     assert!(number(&result["convergence"]["remaining_step"]) < 1e-2);

@@ -169,7 +169,7 @@ async fn structures_and_delays_are_judged_by_trials_left_out() {
     let request = json!({"kind": "ssid", "inputs": {"trials": trials[..3], "validate_on": trials[3..]}, "spec": spec});
     let body = report(&server, &request).await;
     let result = &body["result"];
-    assert_eq!(body["schema"], "volition.ssid/5");
+    assert_eq!(body["schema"], "volition.ssid/6");
     // How many QR had to decide depends on which thread found what first: it once made the hash of a result differ
     // between two runs.
     assert!(result["certificate"]["decided_by_qr"].is_null(), "{}", result["certificate"]);
