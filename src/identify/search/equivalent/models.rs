@@ -215,8 +215,8 @@ mod tests {
                     {
                         let error = (model.a + model.b * s + model.c * s * s - value).norm();
                         assert!(error <= model.rest + 1e-13, "{model:?} at {s}: {error}");
-                        // Sums of parts stand for moduli, so that the rest is up to √2 wider than it need be.
-                        assert!(model.rest < 0.04 * model.most(cells.half), "{model:?}");
+                        // 0.045 of the product of degree five on the widest cell; sums of parts stand for moduli.
+                        assert!(model.rest < 0.05 * model.most(cells.half), "{model:?}");
                         assert!(value.norm() <= model.most(cells.half) + 1e-13);
                         assert!(value.norm() >= model.least(cells.half) - 1e-13);
                     }
