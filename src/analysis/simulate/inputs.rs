@@ -70,7 +70,7 @@ struct StimulusOfTrial {
 pub struct NoiseSource {
     /// Standard deviation, in the unit of the signal that it is added to.
     pub sd: f64,
-    /// Time constant τ in seconds of a noise that is coloured by one pole, x[k+1] = a x[k] + s √(1 − a²) ε[k] with
+    /// Time constant τ in seconds of a noise that is coloured by one pole, x⁺ = a x + s √(1 − a²) ε with
     /// a = e^(−T/τ): AR(1). Default: 0, white from sample to sample.
     #[serde(default)]
     pub time_constant_s: f64,
