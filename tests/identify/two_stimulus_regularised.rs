@@ -9,7 +9,7 @@ use volition::control::{Discrete, System, TransferFunction};
 use volition::ctl::Ctl;
 use volition::num::rng;
 use volition::response::stimuli::{NearbyNoise, SegmentLines, StimulusLines};
-use volition::two_stimulus::fit::{Channel, FitSettings, Fitted, fit};
+use volition::two_stimulus::fit::{Channel, FitError, FitSettings, Fitted, fit};
 use volition::two_stimulus::regularised::{Regularised, Sizes, default_sizes};
 use volition::two_stimulus::responses::{LineResponse, responses};
 use volition::two_stimulus::structure::{Muscles, Person, Structure, StructureError};
@@ -161,9 +161,18 @@ fn deviating(seed: u64) -> Deviating {
     Deviating { lines, groups, truth }
 }
 
+/// The law fitted to them; `None` where no start of the fit has a stable loop.
+fn fitted_law(lines: &StimulusLines) -> Option<Fitted> {
+    let how = FitSettings { channel: Channel::Control, starts: 1, seed: 1 };
+    match fit(&responses(lines), &person(Muscles::Lag), &how, &Ctl::new()) {
+        Ok(found) => Some(found),
+        Err(FitError::NoStart) => None,
+        Err(error) => panic!("{error}"),
+    }
+}
+
 fn law(lines: &StimulusLines) -> Fitted {
-    let how = FitSettings { channel: Channel::Control, starts: 8, seed: 1 };
-    fit(&responses(lines), &person(Muscles::Lag), &how, &Ctl::new()).unwrap()
+    fitted_law(lines).unwrap()
 }
 
 #[test]
@@ -171,9 +180,13 @@ fn bands_of_the_regularised_controllers_hold_the_truth_as_often_as_they_say() {
     let (mut held, mut all) = ([0; 4], 0);
     let (mut ours, mut theirs) = ([0.0; 2], [0.0; 2]);
     let (mut within, mut predicted) = (0, 0);
+    let mut refused = 0;
     for seed in 0..60 {
         let Deviating { lines, groups, truth } = deviating(seed);
-        let fitted = law(&lines);
+        let Some(fitted) = fitted_law(&lines) else {
+            refused += 1;
+            continue;
+        };
         let learned = Regularised::new(&lines, &groups, &fitted, &default_sizes(), &Ctl::new()).unwrap();
         for (k, truth) in truth.iter().enumerate() {
             let omega = lines.omega_rad_s[k];
