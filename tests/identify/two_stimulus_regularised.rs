@@ -228,6 +228,7 @@ fn bands_of_the_regularised_controllers_hold_the_truth_as_often_as_they_say() {
     let share = f64::from(within) / f64::from(predicted);
     let rms = |sum: [f64; 2]| sum.map(|s| (s / f64::from(all)).sqrt());
     eprintln!("held {shares:?}; errors {:?}, of the law alone {:?}; predicted {share}", rms(ours), rms(theirs));
+    assert!(refused <= 6, "{refused} people without a fit");
     // The law is fitted to the same data and the sizes are chosen by them, which the bands take for granted: of the
     // feedback, a difference of two responses, they hold 83 % (size) and 76 % (phase), of the feedforward 92 %. The
     // docs say so.
