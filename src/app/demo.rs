@@ -152,6 +152,9 @@ pub async fn run(args: &DemoArgs, store: &Store, out: &mut impl Write) -> anyhow
                 finished.len(),
                 pool()
             ),
+            "Values are means over people; brackets are the mean ends of each person's own 95 % interval, and no \
+             interval of the mean."
+                .to_owned(),
         ],
         lessons: story::lessons(&groups),
         groups,

@@ -176,7 +176,7 @@ fn law(lines: &StimulusLines) -> Fitted {
 }
 
 #[test]
-fn bands_of_the_regularised_controllers_hold_the_truth_as_often_as_they_say() {
+fn bands_of_the_regularised_controllers_hold_the_truth_as_often_as_the_docs_say() {
     let (mut held, mut all) = ([0; 4], 0);
     let (mut ours, mut theirs) = ([0.0; 2], [0.0; 2]);
     let (mut within, mut predicted) = (0, 0);

@@ -1,5 +1,6 @@
 //! What a scientist must read before using the result.
 
+use super::prediction::RegularisedResult;
 use super::result::StructureFit;
 use crate::analysis::report::Warning;
 use crate::control::System;
@@ -21,6 +22,19 @@ const FIRST_ORDER: f64 = 0.25;
 fn hertz(frequencies: &[f64]) -> String {
     let words: Vec<String> = frequencies.iter().map(|f| format!("{}", (f * 1e6).round() / 1e6)).collect();
     format!("{} Hz", words.join(", "))
+}
+
+/// Findings about the estimate that is shrunk towards a structure.
+pub(super) fn of_regularised(found: &RegularisedResult, warnings: &mut Vec<Warning>) {
+    if !found.controllers.is_empty() {
+        warnings.push(Warning::new(
+            "regularised_bands_too_narrow",
+            "the bands of the regularised controllers take the structure and the sizes of deviations as known: of 60 \
+             simulated people they held the feedback's size in 83 % and its phase in 76 %, the feedforward's in 92 %, \
+             and not in 95 %; the bands of `lines` do not assume this"
+                .to_owned(),
+        ));
+    }
 }
 
 /// Findings about the estimate without structure.

@@ -147,7 +147,9 @@ impl Analysis for Plan {
         let regularised = if self.spec.regularise {
             let law = best.and_then(|best| Some((best, laws[best].as_ref()?)));
             let both = [stimuli.as_ref(), held_out_stimuli.as_ref()];
-            Some(prediction::regularised(law, both, [&trials, &held_out], ctl).map_err(Failure::Stopped)?)
+            let found = prediction::regularised(law, both, [&trials, &held_out], ctl).map_err(Failure::Stopped)?;
+            findings::of_regularised(&found, &mut warnings);
+            Some(found)
         } else {
             None
         };
