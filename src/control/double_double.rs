@@ -20,6 +20,17 @@ impl DoubleDouble {
         self.high
     }
 
+    /// What the value lacks.
+    pub(crate) fn rest(self) -> f64 {
+        self.low
+    }
+
+    /// With the product of two numbers more.
+    pub(crate) fn add_product(self, x: f64, y: f64) -> Self {
+        let product = x * y;
+        self.add(Self { high: product, low: x.mul_add(y, -product) })
+    }
+
     pub(crate) fn add(self, other: Self) -> Self {
         let sum = self.high + other.high;
         let part = sum - self.high;
@@ -36,6 +47,22 @@ impl DoubleDouble {
         let product = self.high * factor;
         let error = self.high.mul_add(factor, -product);
         Self::quick_sum(product, error + self.low * factor)
+    }
+
+    /// The product with another.
+    pub(crate) fn times(self, other: Self) -> Self {
+        let product = self.high * other.high;
+        let error = self.high.mul_add(other.high, -product) + (self.high * other.low + self.low * other.high);
+        Self::quick_sum(product, error)
+    }
+
+    /// The quotient by another.
+    pub(crate) fn over(self, divisor: Self) -> Self {
+        let quotient = self.high / divisor.high;
+        let rest = self.sub(divisor.mul(quotient));
+        let next = rest.high / divisor.high;
+        let last = rest.sub(divisor.mul(next)).high / divisor.high;
+        Self::quick_sum(quotient, next).add(last.into())
     }
 
     /// The quotient by a number.
@@ -55,6 +82,16 @@ impl From<f64> for DoubleDouble {
 #[cfg(test)]
 mod tests {
     use super::DoubleDouble;
+
+    #[test]
+    fn quotients_and_products_undo_each_other() {
+        let third = DoubleDouble::from(1.0).over(DoubleDouble::from(3.0));
+        let one = third.times(DoubleDouble::from(3.0)).sub(DoubleDouble::from(1.0));
+        assert!(one.value().abs() < 1e-31, "{one:?}");
+        let square = third.times(third).over(third).sub(third);
+        assert!(square.value().abs() < 1e-31, "{square:?}");
+        assert_eq!(DoubleDouble::from(1.0).add_product(1e8 + 1.0, 1e8 + 1.0).rest(), 2.0);
+    }
 
     #[test]
     fn what_a_single_f64_would_lose_is_kept() {

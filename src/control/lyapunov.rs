@@ -50,7 +50,41 @@ const SINGULAR: f64 = 4.0 * f64::EPSILON;
 pub struct Lyapunov {
     a: DMatrix<f64>,
     schur: ComplexSchur,
+    basis: Basis,
     clock: Clock,
+}
+
+/// The unitary U of the Schur form in real and imaginary parts: products of real matrices are many times as fast as
+/// those of complex ones here.
+#[derive(Debug, Clone)]
+struct Basis {
+    re: DMatrix<f64>,
+    im: DMatrix<f64>,
+    re_transposed: DMatrix<f64>,
+    im_transposed: DMatrix<f64>,
+}
+
+impl Basis {
+    fn new(u: &DMatrix<Complex64>) -> Self {
+        let (re, im) = (u.map(|v| v.re), u.map(|v| v.im));
+        Self { re_transposed: re.transpose(), im_transposed: im.transpose(), re, im }
+    }
+
+    /// `UᴴQU`.
+    fn rotated(&self, q: &DMatrix<f64>) -> DMatrix<Complex64> {
+        let (re, im) = (q * &self.re, q * &self.im);
+        let real = &self.re_transposed * &re + &self.im_transposed * &im;
+        let imaginary = &self.re_transposed * im - &self.im_transposed * re;
+        real.zip_map(&imaginary, Complex64::new)
+    }
+
+    /// `Re UYUᴴ`.
+    fn back(&self, y: &DMatrix<Complex64>) -> DMatrix<f64> {
+        let (re, im) = (y.map(|v| v.re), y.map(|v| v.im));
+        let real = &self.re * &re - &self.im * &im;
+        let imaginary = &self.re * im + &self.im * re;
+        real * &self.re_transposed + imaginary * &self.im_transposed
+    }
 }
 
 impl Lyapunov {
@@ -73,7 +107,7 @@ impl Lyapunov {
                 }
             }
         }
-        Ok(Self { a: a.clone(), schur, clock })
+        Ok(Self { a: a.clone(), basis: Basis::new(&schur.u), schur, clock })
     }
 
     /// The eigenvalues of A.
@@ -93,8 +127,8 @@ impl Lyapunov {
     pub fn solve(&self, q: &DMatrix<f64>) -> DMatrix<f64> {
         let x = self.raw(q);
         let residual = match self.clock {
-            Clock::Continuous => self.a.tr_mul(&x) + &x * &self.a + q,
-            Clock::Sampled => self.a.tr_mul(&(&x * &self.a)) - &x + q,
+            Clock::Continuous => self.a.transpose() * &x + &x * &self.a + q,
+            Clock::Sampled => self.a.transpose() * (&x * &self.a) - &x + q,
         };
         symmetric(&(&x + self.raw(&residual)))
     }
@@ -110,90 +144,102 @@ impl Lyapunov {
         symmetric(&(&x + self.raw_adjoint(&residual)))
     }
 
-    fn rotated(&self, q: &DMatrix<f64>) -> DMatrix<Complex64> {
-        self.schur.u.adjoint() * (complex(q) * &self.schur.u)
-    }
-
-    fn back(&self, y: &DMatrix<Complex64>) -> DMatrix<f64> {
-        (&self.schur.u * (y * self.schur.u.adjoint())).map(|v| v.re)
-    }
-
     /// `TᴴY + YT = −C` (`TᴴYT − Y = −C`), column by column from the left, each from the top.
     fn raw(&self, q: &DMatrix<f64>) -> DMatrix<f64> {
         let t = &self.schur.t;
         let n = t.nrows();
-        let c = self.rotated(q);
+        let c = self.basis.rotated(q);
         let mut y = DMatrix::<Complex64>::zeros(n, n);
-        let mut sum = vec![Complex64::new(0.0, 0.0); n];
+        let (mut sum, mut column) = (vec![ZERO; n], vec![ZERO; n]);
         for j in 0..n {
-            sum.fill(Complex64::new(0.0, 0.0));
+            sum.fill(ZERO);
             for k in 0..j {
-                let factor = t[(k, j)];
-                for (s, v) in sum.iter_mut().zip(y.column(k).iter()) {
-                    *s += v * factor;
-                }
+                add_scaled(&mut sum, &y.as_slice()[k * n..(k + 1) * n], t[(k, j)]);
             }
             let diagonal = t[(j, j)];
+            column.fill(ZERO);
             for i in 0..n {
-                let mut above = Complex64::new(0.0, 0.0);
-                match self.clock {
+                let of_t = &t.as_slice()[i * n..i * n + i];
+                let left = t[(i, i)].conj();
+                column[i] = match self.clock {
                     Clock::Continuous => {
-                        for k in 0..i {
-                            above += t[(k, i)].conj() * y[(k, j)];
-                        }
-                        y[(i, j)] = -(c[(i, j)] + sum[i] + above) / (t[(i, i)].conj() + diagonal);
+                        let above = conjugate_dot(of_t, &column[..i]);
+                        -(c[(i, j)] + sum[i] + above) / (left + diagonal)
                     }
                     Clock::Sampled => {
                         // The product of Tᴴ with the columns to the left and what is known of this one.
-                        for k in 0..i {
-                            above += t[(k, i)].conj() * (sum[k] + y[(k, j)] * diagonal);
-                        }
-                        let left = t[(i, i)].conj();
-                        y[(i, j)] = -(c[(i, j)] + above + left * sum[i]) / (left * diagonal - 1.0);
+                        let above = conjugate_dot(of_t, &sum[..i]) + conjugate_dot(of_t, &column[..i]) * diagonal;
+                        -(c[(i, j)] + above + left * sum[i]) / (left * diagonal - 1.0)
                     }
-                }
+                };
             }
+            y.as_mut_slice()[j * n..(j + 1) * n].copy_from_slice(&column);
         }
-        self.back(&y)
+        self.basis.back(&y)
     }
 
     /// `TY + YTᴴ = −C` (`TYTᴴ − Y = −C`), column by column from the right, each from the bottom.
     fn raw_adjoint(&self, q: &DMatrix<f64>) -> DMatrix<f64> {
         let t = &self.schur.t;
         let n = t.nrows();
-        let c = self.rotated(q);
+        let c = self.basis.rotated(q);
         let mut y = DMatrix::<Complex64>::zeros(n, n);
-        let mut sum = vec![Complex64::new(0.0, 0.0); n];
+        let mut sum = vec![ZERO; n];
         for j in (0..n).rev() {
-            sum.fill(Complex64::new(0.0, 0.0));
+            sum.fill(ZERO);
             for k in j + 1..n {
-                let factor = t[(j, k)].conj();
-                for (s, v) in sum.iter_mut().zip(y.column(k).iter()) {
-                    *s += v * factor;
-                }
+                add_scaled(&mut sum, &y.as_slice()[k * n..(k + 1) * n], t[(j, k)].conj());
             }
             let diagonal = t[(j, j)].conj();
-            for i in (0..n).rev() {
-                let mut below = Complex64::new(0.0, 0.0);
-                match self.clock {
-                    Clock::Continuous => {
-                        for k in i + 1..n {
-                            below += t[(i, k)] * y[(k, j)];
-                        }
-                        y[(i, j)] = -(c[(i, j)] + sum[i] + below) / (t[(i, i)] + diagonal);
-                    }
-                    Clock::Sampled => {
-                        for k in i + 1..n {
-                            below += t[(i, k)] * (sum[k] + y[(k, j)] * diagonal);
-                        }
-                        let left = t[(i, i)];
-                        y[(i, j)] = -(c[(i, j)] + below + left * sum[i]) / (left * diagonal - 1.0);
-                    }
+            let right: Vec<Complex64> = (0..n).map(|i| c[(i, j)]).collect();
+            let column = match self.clock {
+                Clock::Continuous => {
+                    let right = right.iter().zip(&sum).map(|(c, s)| -(c + s)).collect();
+                    upper(t, right, |t_ii| t_ii + diagonal, ONE)
                 }
-            }
+                Clock::Sampled => {
+                    let mut right: Vec<Complex64> = right.iter().map(|c| -c).collect();
+                    for (k, s) in sum.iter().enumerate() {
+                        add_scaled(&mut right[..=k], &t.as_slice()[k * n..=k * n + k], -*s);
+                    }
+                    upper(t, right, |t_ii| t_ii * diagonal - 1.0, diagonal)
+                }
+            };
+            y.as_mut_slice()[j * n..(j + 1) * n].copy_from_slice(&column);
         }
-        self.back(&y)
+        self.basis.back(&y)
     }
+}
+
+const ZERO: Complex64 = Complex64::new(0.0, 0.0);
+const ONE: Complex64 = Complex64::new(1.0, 0.0);
+
+/// `sum += x·factor`.
+fn add_scaled(sum: &mut [Complex64], x: &[Complex64], factor: Complex64) {
+    for (s, v) in sum.iter_mut().zip(x) {
+        *s += v * factor;
+    }
+}
+
+/// `Σ x̄_i y_i`.
+fn conjugate_dot(x: &[Complex64], y: &[Complex64]) -> Complex64 {
+    x.iter().zip(y).map(|(x, y)| x.conj() * y).sum()
+}
+
+/// y with `d(t_ii)·y_i + factor·Σ_{k>i} t_ik y_k = right_i`, T upper triangular: from the bottom, column by column of T.
+fn upper(
+    t: &DMatrix<Complex64>,
+    mut right: Vec<Complex64>,
+    divisor: impl Fn(Complex64) -> Complex64,
+    factor: Complex64,
+) -> Vec<Complex64> {
+    let n = t.nrows();
+    for k in (0..n).rev() {
+        right[k] /= divisor(t[(k, k)]);
+        let value = right[k] * -factor;
+        add_scaled(&mut right[..k], &t.as_slice()[k * n..k * n + k], value);
+    }
+    right
 }
 
 /// X, n×m, with `AX + XB = C` for A n×n, B m×m and C n×m.

@@ -7,7 +7,7 @@ use super::margin::{Margin, Units, margin};
 use super::proof::{self, Proof};
 use super::space::{Space, SpaceError};
 use super::structure::{QSign, Structure, StructureError};
-use super::verdict::{Decision, DecisionError, Verdict, decide, with_factor};
+use super::verdict::{Decision, DecisionError, Refutation, Verdict, decide, refuted, with_factor};
 use crate::control::lyapunov::LinearEquationError;
 use crate::convex::lmi::{LmiError, SolvedBy, Solver};
 use crate::ctl::{Ctl, Stopped};
@@ -80,6 +80,8 @@ pub struct InverseLqr {
     /// Whether the structure leaves states out of Q: a feasible verdict then means weights that are definite on the
     /// others, and is a boundary for the whole.
     pub is_within_pattern: bool,
+    /// What proves that the structure has no weights, where the whole may have some.
+    pub refutation: Option<Refutation>,
     /// `max t` with `Q ⪰ tI`, `R ⪰ tI`, `tr Q + tr R = n + m`, in the units of the plant; `None` where no weights have
     /// a positive trace, and beyond [`MARGIN_UNKNOWNS`]. It is no distance: where R may become singular it is 0
     /// whatever the gain.
@@ -209,6 +211,7 @@ fn answered(gains: &Gains, decision: Decision, settings: &Settings, ctl: &Ctl) -
         verdict: decision.verdict,
         decision,
         is_within_pattern: structure.support().is_some(),
+        refutation: None,
         t_star: None,
         t_star_scaled: None,
         t_star_upper_bound: None,
@@ -229,11 +232,11 @@ fn answered(gains: &Gains, decision: Decision, settings: &Settings, ctl: &Ctl) -
     let (space, noise) =
         if structure.is_free() { (Space::of(gains)?, 0.0) } else { Space::within(gains, structure, ctl)? };
     answer.unknowns = space.len();
+    let whole = answer.decision.verdict;
     if space.len() == 0 {
-        answer.verdict = Verdict::Infeasible;
+        refute(gains, structure, None, &mut answer)?;
         return Ok(answer);
     }
-    let whole = answer.decision.verdict;
     let is_small = space.len() <= MARGIN_UNKNOWNS;
     let mut scaled = None;
     if is_small || !structure.is_free() {
@@ -262,17 +265,17 @@ fn answered(gains: &Gains, decision: Decision, settings: &Settings, ctl: &Ctl) -
         return Ok(answer);
     }
     let Some(found) = scaled else {
-        answer.verdict = Verdict::Infeasible;
+        refute(gains, structure, None, &mut answer)?;
         return Ok(answer);
     };
-    let (verdict, found) = within(&space, found, noise, ctl)?;
+    let (verdict, found, units) = within(&space, found, noise, ctl)?;
     // A structure is never better than the whole, unless it leaves out what the whole cannot weigh.
     answer.verdict = match (whole, verdict) {
         (Verdict::Boundary, Verdict::Feasible) if !answer.is_within_pattern => Verdict::Boundary,
         (_, verdict) => verdict,
     };
     match verdict {
-        Verdict::Infeasible => {}
+        Verdict::Infeasible => refute(gains, structure, Some(found.dual(&space, &units)), &mut answer)?,
         Verdict::Boundary => answer.weights = boundary_weights(gains, settings, &space, &found),
         Verdict::Feasible => {
             conditioned(gains, settings, &space, Some(found), &mut answer, ctl)?;
@@ -282,6 +285,21 @@ fn answered(gains: &Gains, decision: Decision, settings: &Settings, ctl: &Ctl) -
         }
     }
     Ok(answer)
+}
+
+/// Infeasible within the structure where a certificate says so, and otherwise the boundary.
+fn refute(
+    gains: &Gains,
+    structure: &Structure,
+    dual: Option<[DMatrix<f64>; 2]>,
+    answer: &mut InverseLqr,
+) -> Result<(), NoConvergence> {
+    if answer.decision.verdict != Verdict::Infeasible {
+        answer.refutation = refuted(gains, structure, dual)?;
+        let is_refuted = answer.refutation.is_some();
+        answer.verdict = if is_refuted { Verdict::Infeasible } else { Verdict::Boundary };
+    }
+    Ok(())
 }
 
 /// The weights that prove the verdict, where inputs reach every state.
@@ -301,10 +319,10 @@ fn as_proven(
     proven(gains, settings, q / least, r / least, ctl)
 }
 
-/// The verdict within a structure: by the sign of the margin, in units in which it is large, against what the rounding
+/// The verdict within a structure with its margin and the units of that: by the sign of the margin, in units in which it is large, against what the rounding
 /// of the data makes of it.
-fn within(space: &Space, first: Margin, noise: f64, ctl: &Ctl) -> Result<(Verdict, Margin), LmiError> {
-    let mut decisive = first;
+fn within(space: &Space, first: Margin, noise: f64, ctl: &Ctl) -> Result<(Verdict, Margin, Units), LmiError> {
+    let (mut decisive, mut its_units) = (first, Units::uniform(space, 1.0));
     let mut rounding = MARGIN_PRECISION.max(noise);
     for _ in 0..REBALANCES {
         if decisive.t_star.abs() > CLEAR.max(4.0 * rounding) && decisive.solved {
@@ -319,7 +337,7 @@ fn within(space: &Space, first: Margin, noise: f64, ctl: &Ctl) -> Result<(Verdic
         if !(other.solved && is_better) {
             break;
         }
-        (decisive, rounding) = (other, moved);
+        (decisive, rounding, its_units) = (other, moved, units);
     }
     let verdict = if !decisive.solved {
         Verdict::Boundary
@@ -330,7 +348,7 @@ fn within(space: &Space, first: Margin, noise: f64, ctl: &Ctl) -> Result<(Verdic
     } else {
         Verdict::Boundary
     };
-    Ok((verdict, decisive))
+    Ok((verdict, decisive, its_units))
 }
 
 /// The best conditioned weights of a feasible gain; where rounding keeps those from returning the gain, the ones that

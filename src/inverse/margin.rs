@@ -27,6 +27,19 @@ pub(super) struct Margin {
     pub duals: [DMatrix<f64>; 2],
 }
 
+impl Margin {
+    /// `(X̂, T̂)` with `⟨X̂, Q⟩ + ⟨T̂, R⟩ = 0` for all weights of the space in the units of the plant, where t* is negative:
+    /// the dual weights with the share of −t* that falls on the trace.
+    pub(super) fn dual(&self, space: &Space, units: &Units) -> [DMatrix<f64>; 2] {
+        let share = -self.t_star / (units.q.len() + units.r.len()) as f64;
+        let back = |dual: &DMatrix<f64>, d: &DVector<f64>| {
+            DMatrix::from_fn(d.len(), d.len(), |i, j| (dual[(i, j)] + if i == j { share } else { 0.0 }) * d[i] * d[j])
+        };
+        let states = back(&self.duals[0], &units.q) / (space.scale * space.scale);
+        [space.among_states(&states), back(&self.duals[1], &units.r)]
+    }
+}
+
 /// Units in which a margin is measured: `D_q Q D_q ⪰ tI` and `D_r R D_r ⪰ tI` with diagonal D, n and m entries.
 #[derive(Debug, Clone)]
 pub(super) struct Units {

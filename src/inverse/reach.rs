@@ -33,6 +33,11 @@ impl Core {
     pub(super) fn closed_loop(&self) -> DMatrix<f64> {
         &self.a - &self.b * &self.k
     }
+
+    /// A box of K with equal entries.
+    pub(super) fn uniform(&self, entry: f64) -> DMatrix<f64> {
+        DMatrix::from_element(self.k.nrows(), self.k.ncols(), entry)
+    }
 }
 
 /// Set points: targets or references in the state that no input reaches and that do not decay.
@@ -60,6 +65,8 @@ impl Targets {
 pub(super) struct Reach {
     pub core: Core,
     balanced: Balanced,
+    /// The box around it.
+    rounding: Rounding,
     staircase: Staircase,
     pub targets: Option<Targets>,
     /// Modes that no input reaches and that decay by themselves.
@@ -145,7 +152,7 @@ impl Reach {
                 })
             }
         };
-        Ok(Self { core, balanced: scaled, staircase, targets, decaying })
+        Ok(Self { core, balanced: scaled, rounding: whole, staircase, targets, decaying })
     }
 
     /// The same for the errors from the set points.
@@ -163,6 +170,37 @@ impl Reach {
         self.is_whole().then_some((&self.balanced, &self.core))
     }
 
+    /// The whole plant in balanced units, with the states that inputs do not reach.
+    pub(super) fn plant(&self) -> Core {
+        let Balanced { a, b, k, .. } = &self.balanced;
+        Core { a: a.clone(), b: b.clone(), k: k.clone(), clock: self.core.clock, rounding: self.rounding.clone() }
+    }
+
+    /// A dual weight of Q in the units of the plant, in balanced ones.
+    pub(super) fn dual_of_states(&self, x: &DMatrix<f64>) -> DMatrix<f64> {
+        let states = &self.balanced.states;
+        DMatrix::from_fn(x.nrows(), x.ncols(), |i, j| x[(i, j)] / (states[i] * states[j]))
+    }
+
+    /// A dual weight of R in the units of the plant, in balanced ones.
+    pub(super) fn dual_of_inputs(&self, t: &DMatrix<f64>) -> DMatrix<f64> {
+        let inputs = &self.balanced.inputs;
+        DMatrix::from_fn(t.nrows(), t.ncols(), |i, j| t[(i, j)] / (inputs[i] * inputs[j]))
+    }
+
+    /// R in the units of the plant, in balanced ones.
+    pub(super) fn balanced_input_weight(&self, r: &DMatrix<f64>) -> DMatrix<f64> {
+        let inputs = &self.balanced.inputs;
+        DMatrix::from_fn(r.nrows(), r.ncols(), |i, j| r[(i, j)] * inputs[i] * inputs[j])
+    }
+
+    /// N of a dual certificate of the whole plant in balanced units (m×n, in the units of K times those of X), in the
+    /// units of the plant.
+    pub(super) fn multiplier_of_plant(&self, n: &DMatrix<f64>) -> DMatrix<f64> {
+        let Balanced { states, inputs, .. } = &self.balanced;
+        DMatrix::from_fn(n.nrows(), n.ncols(), |i, j| n[(i, j)] * inputs[i] * states[j])
+    }
+
     /// P or Q of the core in the units of the plant, where that is whole.
     pub(super) fn state_weight(&self, weight: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         self.is_whole().then(|| self.balanced.state_weight(weight))
@@ -173,11 +211,9 @@ impl Reach {
         self.balanced.input_weight(weight)
     }
 
-    /// N of a dual certificate (m×n, in the units of K times those of X) in the units of the plant, where that is
-    /// whole.
+    /// N of a dual certificate of the core in the units of the plant, where that is whole.
     pub(super) fn multiplier(&self, n: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-        let Balanced { states, inputs, .. } = &self.balanced;
-        self.is_whole().then(|| DMatrix::from_fn(n.nrows(), n.ncols(), |i, j| n[(i, j)] * inputs[i] * states[j]))
+        self.is_whole().then(|| self.multiplier_of_plant(n))
     }
 
     /// Ω of a coupling (in products of the units of two inputs) in the units of the plant.

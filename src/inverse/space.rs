@@ -151,6 +151,19 @@ impl Space {
         self.support.as_ref().map_or_else(|| q.clone(), |kept| q.select_rows(kept).select_columns(kept))
     }
 
+    /// The reverse: a matrix of the states that are weighed among all, with zeros.
+    pub(super) fn among_states(&self, weighed: &DMatrix<f64>) -> DMatrix<f64> {
+        let Some(kept) = &self.support else { return weighed.clone() };
+        let n = self.q.first().map_or(0, DMatrix::nrows);
+        let mut all = DMatrix::zeros(n, n);
+        for (i, row) in kept.iter().enumerate() {
+            for (j, column) in kept.iter().enumerate() {
+                all[(*row, *column)] = weighed[(i, j)];
+            }
+        }
+        all
+    }
+
     /// The Q_i in these rows and columns.
     pub(super) fn weighed_terms(&self) -> Vec<DMatrix<f64>> {
         self.q.iter().map(|q| self.weighed(q)).collect()

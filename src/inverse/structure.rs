@@ -125,8 +125,13 @@ impl Structure {
     }
 
     /// Whether an entry of Q may differ from zero: of a state that is not weighed none may, since Q is semidefinite.
-    fn allows(&self, i: usize, j: usize) -> bool {
+    pub(super) fn allows(&self, i: usize, j: usize) -> bool {
         self.q_pattern.as_ref().is_none_or(|p| p[(i, j)] && p[(i, i)] && p[(j, j)])
+    }
+
+    /// Whether an entry of R may differ from zero.
+    pub(super) fn allows_input(&self, i: usize, j: usize) -> bool {
+        self.r_pattern.as_ref().is_none_or(|p| p[(i, j)])
     }
 
     /// Whether nothing is restricted but the sign.
@@ -196,7 +201,7 @@ impl Structure {
         };
         let r = match (&self.r, &self.r_pattern) {
             (Some(_), _) => 1,
-            (None, pattern) => pairs(m, &|i, j| pattern.as_ref().is_none_or(|p| p[(i, j)])),
+            (None, _) => pairs(m, &|i, j| self.allows_input(i, j)),
         };
         pairs(n, &|i, j| self.allows(i, j)) + r
     }
@@ -223,7 +228,7 @@ impl Structure {
         }
         for j in 0..m {
             for i in 0..=j {
-                if self.r_pattern.as_ref().is_none_or(|p| p[(i, j)]) {
+                if self.allows_input(i, j) {
                     all.push((DMatrix::zeros(n, n), unit(m, i, j)));
                 }
             }

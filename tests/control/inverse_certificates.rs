@@ -83,8 +83,8 @@ fn proves_feasible(member: &Member, bounds: &DMatrix<f64>, p: &DMatrix<f64>, r: 
     exact::is_definite(&r) && exact::is_definite(&q)
 }
 
-/// Whether N proves that no weights exist, in rational arithmetic.
-fn proves_infeasible(member: &Member, n: &DMatrix<f64>) -> bool {
+/// X and T of a multiplier, in rational arithmetic.
+pub fn multiplied(member: &Member, n: &DMatrix<f64>) -> [exact::Matrix; 2] {
     let (a, b, k) = (exact::exact(&member.a), exact::exact(&member.b), exact::exact(&member.k));
     let n = exact::exact(n);
     let size = a.len();
@@ -121,7 +121,13 @@ fn proves_infeasible(member: &Member, n: &DMatrix<f64>) -> bool {
     }
     let half = exact::product(&n, &exact::transpose(&k));
     let kxk = exact::product(&k, &exact::product(&x, &exact::transpose(&k)));
-    let mut t = exact::combined(&exact::combined(&kxk, &half, 1), &exact::transpose(&half), 1);
+    let t = exact::combined(&exact::combined(&kxk, &half, 1), &exact::transpose(&half), 1);
+    [x, t]
+}
+
+/// Whether N proves that no weights exist, in rational arithmetic.
+fn proves_infeasible(member: &Member, n: &DMatrix<f64>) -> bool {
+    let [x, mut t] = multiplied(member, n);
     // R of a condition number up to 1e5 in the units of the plant, a little less than what was promised.
     let m = t.len() as i64;
     let floor = BigRational::new(1.into(), 100_000.into());

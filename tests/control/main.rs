@@ -20,6 +20,7 @@ mod inverse;
 mod inverse_boundary;
 mod inverse_certificates;
 mod inverse_random;
+mod inverse_structures;
 mod inverse_verdicts;
 mod lti;
 mod plants;

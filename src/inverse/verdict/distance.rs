@@ -1,6 +1,7 @@
 //! How far a gain is from the boundary: by a relative change of K, and by a factor on the whole gain.
 
-use super::certificate::{CLEAR, DualTest, Prepared};
+use super::dual::{DualTest, Prepared};
+use super::primal::CLEAR;
 use crate::control::lyapunov::Clock;
 use crate::inverse::reach::Core;
 use crate::num::linalg;
@@ -14,12 +15,13 @@ const STEPS: usize = 60;
 /// Halvings of the logarithm of the relative change.
 const HALVINGS: usize = 24;
 
-/// The relative change of K up to which a test holds; `None` where it does not hold without any.
-pub(super) fn largest(core: &Core, holds: impl Fn(&DMatrix<f64>) -> bool) -> Option<f64> {
+/// The relative change of K up to which a test holds, which is asked for the entry of a box with equal ones; `None`
+/// where it does not hold without any.
+pub(super) fn largest(core: &Core, holds: impl Fn(f64) -> bool) -> Option<f64> {
     let (m, n) = core.k.shape();
     let size = core.k.norm() / ((m * n) as f64).sqrt();
     // Of all changes of this norm the one with equal entries bounds the others within the tests' norms.
-    let at = |change: f64| holds(&DMatrix::from_element(m, n, size * change));
+    let at = |change: f64| holds(size * change);
     let (mut low, mut high) = (1e-16_f64, 1.0_f64);
     if size == 0.0 || !at(low) {
         return None;
@@ -33,7 +35,8 @@ pub(super) fn largest(core: &Core, holds: impl Fn(&DMatrix<f64>) -> bool) -> Opt
 
 /// The change up to which a multiplier still proves that there are none.
 pub(super) fn dual(core: &Core, test: &DualTest<'_>, of: &Prepared) -> Option<f64> {
-    largest(core, |box_k| test.ratio(of, box_k).is_some_and(|ratio| ratio > CLEAR))
+    let of_one = test.moved_by_gain(of, &core.uniform(1.0));
+    largest(core, |entry| test.ratio(of, &core.uniform(entry), &(&of_one * entry)).is_some_and(|ratio| ratio > CLEAR))
 }
 
 /// c*: `max over ω of −2 Re L/|L|²`, in sampled time of `−(2 Re L + KA⁻¹B)/|L|²`, for one input. `None` where it is

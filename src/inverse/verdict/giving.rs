@@ -3,14 +3,16 @@
 //! With the closed loop `A_c = A − BK` let `Q = −A_cᵀP − PA_c − KᵀRK` (`P − A_cᵀPA_c − KᵀRK` in sampled time). To first
 //! order a change of K does not move Q where P and R are held; but the equality `BᵀPM = RK` (M = I, in sampled time
 //! A_c) is then missed, entry by entry, and P, or P and R, must follow. The change of Q is measured in units of Q
-//! itself (`Q = LLᵀ`, `L⁻¹ΔQL⁻ᵀ`), and is linear in what is missed: its entries are summed without signs over the
-//! entries of the gain, not over the factors of a product, whose signs matter.
+//! itself (`Q = LLᵀ`, `L⁻¹ΔQL⁻ᵀ`), and is linear in what is missed: signs are given up for the entries of the gain,
+//! not for the factors of a product.
 //!
-//! - **Held inputs**: R stays, and P follows by `ΔP = g fᵀ + f gᵀ` for each entry, g a row of B⁺.
+//! - **Held inputs**: R stays, and P follows by `ΔP = g fᵀ + f gᵀ` for each entry, g a row of B⁺; what that makes of Q
+//!   is a sum of such products, and has a [majorant](super::majorant).
 //! - **Jointly**: Q and R follow together by the least change in units of both. With cheap control in sampled time R is
 //!   a small difference of `R + BᵀPB` and `BᵀPB`, and P alone would have to move by more than all of R. Where that
 //!   least change stays below one, every gain of the box has definite weights.
 
+use super::majorant;
 use crate::control::lyapunov::{Clock, Lyapunov};
 use crate::convex::svec::{length, smat, svec};
 use crate::inverse::reach::Core;
@@ -38,16 +40,21 @@ pub(super) struct Giving<'a> {
     /// What the equality misses through A, B and the evaluation, m×n, and through K: `|R|` or `|R + BᵀPB|`.
     missing: DMatrix<f64>,
     weight: DMatrix<f64>,
-    /// How far A and B move Q where P and R are held, in units of Q.
+    /// Majorant of how far A and B move Q where P and R are held, in units of Q.
     direct: DMatrix<f64>,
 }
 
-/// From what the equality misses, entry by entry, to the change of Q and R in their own units, without signs.
-pub(super) struct Response {
-    /// n² × mn.
-    states: DMatrix<f64>,
-    /// m² × mn; none where R is held.
-    inputs: Option<DMatrix<f64>>,
+/// From what the equality misses, entry by entry, to the change of Q and R in their own units.
+pub(super) enum Response {
+    /// R is held: entry (i, j) moves Q by `±(g_i h_jᵀ + h_j g_iᵀ)`, summed over the pairs G (n×m), H (n×n).
+    Held([[DMatrix<f64>; 2]; 2]),
+    /// Q and R follow, without signs.
+    Joint {
+        /// n² × mn.
+        states: DMatrix<f64>,
+        /// m² × mn.
+        inputs: DMatrix<f64>,
+    },
 }
 
 /// The lower Cholesky factor.
@@ -76,51 +83,47 @@ impl<'a> Giving<'a> {
         let evaluated = (products + r.abs() * &abs_k) * own;
         let plant = &rounding.a + &rounding.b * &abs_k;
         let (through, weight, held) = match clock {
-            Clock::Continuous => (rounding.b.tr_mul(&abs_p), r.abs(), &abs_p * &plant),
+            Clock::Continuous => (rounding.b.tr_mul(&abs_p), r.abs(), p.clone()),
             Clock::Sampled => {
                 let pc = p * &closed;
                 let through = bp.abs() * &plant + rounding.b.tr_mul(&pc.abs());
-                (through, (r + &bp * b).abs(), pc.abs().tr_mul(&plant))
+                (through, (r + &bp * b).abs(), pc.transpose())
             }
         };
         let sizes = match clock {
             Clock::Continuous => &abs_p * closed.abs() * 2.0,
             Clock::Sampled => &abs_p + closed.abs().tr_mul(&(&abs_p * closed.abs())),
         };
-        let direct = &held + held.transpose() + (sizes + abs_k.tr_mul(&(r.abs() * &abs_k))) * own;
-        let direct = whiten.abs() * direct * whiten.abs().transpose();
+        // Q moves by −ΔA_cᵀP − PΔA_c (−ΔA_cᵀPA_c − A_cᵀPΔA_c) with ΔA_c = ΔA − ΔBK.
+        let held = &whiten * held;
+        let direct = majorant::products(&rounding.a, &held, &whiten)
+            + majorant::products(&rounding.b, &held, &(&whiten * k.transpose()))
+            + majorant::entries(&((sizes + abs_k.tr_mul(&(r.abs() * &abs_k))) * own).map(f64::abs), &whiten);
         let missing = residual + evaluated + through;
         Some(Self { core, closed, q, root_q, root_r, whiten, missing, weight, direct })
     }
 
     /// P follows and R is held.
     pub(super) fn held(&self) -> Option<Response> {
-        let Core { b, clock, .. } = self.core;
-        let (m, n) = self.core.k.shape();
+        let Self { core: Core { b, clock, .. }, closed, whiten, .. } = self;
+        let n = b.nrows();
         let pseudo = b.clone().pseudo_inverse(UNIT * b.norm()).ok()?;
         let right = match clock {
             Clock::Continuous => DMatrix::identity(n, n),
-            Clock::Sampled => self.closed.clone().try_inverse()?,
+            Clock::Sampled => closed.clone().try_inverse()?,
         };
-        // Rows of M⁻¹ in range(B) are symmetric with R held; the rest of P takes the others.
-        let within = b * &pseudo;
-        let mut states = DMatrix::zeros(n * n, m * n);
-        for (column, (i, j)) in (0..n).flat_map(|j| (0..m).map(move |i| (i, j))).enumerate() {
-            let (g, f) = (pseudo.row(i).transpose(), right.row(j).transpose());
-            let inner = &within * &f;
-            let half = &g * (&f - inner * 0.5).transpose();
-            let change = &half + half.transpose();
-            let of_q = match clock {
-                Clock::Continuous => {
-                    let moved = self.closed.tr_mul(&change);
-                    -(&moved + moved.transpose())
-                }
-                Clock::Sampled => &change - self.closed.tr_mul(&(&change * &self.closed)),
-            };
-            let own = (&self.whiten * of_q * self.whiten.transpose()).abs();
-            states.column_mut(column).copy_from_slice(own.as_slice());
-        }
-        Some(Response { states, inputs: None })
+        // Of the rows of M⁻¹ the part in range(B) is symmetric with R held; the rest of P takes the others.
+        let rows = right.transpose();
+        let g = pseudo.transpose();
+        let h = &rows - b * (&pseudo * &rows) * 0.5;
+        let (in_g, in_h) = (whiten * &g, whiten * &h);
+        let (past_g, past_h) = (whiten * closed.tr_mul(&g), whiten * closed.tr_mul(&h));
+        Some(Response::Held(match clock {
+            // −A_cᵀΔP − ΔPA_c
+            Clock::Continuous => [[past_g, in_h], [in_g, past_h]],
+            // ΔP − A_cᵀΔPA_c
+            Clock::Sampled => [[in_g, in_h], [past_g, past_h]],
+        }))
     }
 
     /// P and R follow together; `None` for large gains, and where the equality binds Q and R in more ways than they can
@@ -173,24 +176,27 @@ impl<'a> Giving<'a> {
             }
             all
         };
-        Some(Response { states: spread(0, n), inputs: Some(spread(of_q, m)) })
+        Some(Response::Joint { states: spread(0, n), inputs: spread(of_q, m) })
     }
 
     /// One over the largest change of Q in its own units for any gain of the box; R may move by half of itself.
     pub(super) fn ratio(&self, response: &Response, box_k: &DMatrix<f64>) -> f64 {
         let (m, n) = self.core.k.shape();
         let missing = &self.missing + &self.weight * box_k;
-        let missing = DVector::from_column_slice(missing.as_slice());
         let largest = |m: DMatrix<f64>| symmetric(&m).symmetric_eigenvalues().max();
-        let whiten = self.whiten.abs();
-        let square = &whiten * box_k.tr_mul(&(&self.weight * box_k)) * whiten.transpose();
-        let states = DMatrix::from_column_slice(n, n, (&response.states * &missing).as_slice());
-        let of_states = 1.0 / largest(states + &self.direct + square);
-        match &response.inputs {
-            None => of_states,
-            Some(inputs) => {
-                let inputs = DMatrix::from_column_slice(m, m, (inputs * &missing).as_slice());
-                of_states.min(INPUTS / largest(inputs))
+        let square = majorant::entries(&box_k.tr_mul(&(&self.weight * box_k)), &self.whiten);
+        let rest = &self.direct + square;
+        match response {
+            Response::Held(pairs) => {
+                let of_states = pairs.iter().fold(rest, |sum, [g, h]| sum + majorant::products(&missing, g, h));
+                1.0 / largest(of_states)
+            }
+            Response::Joint { states, inputs } => {
+                let missing = DVector::from_column_slice(missing.as_slice());
+                let of_states = DMatrix::from_column_slice(n, n, (states * &missing).as_slice());
+                let of_inputs = DMatrix::from_column_slice(m, m, (inputs * &missing).as_slice());
+                // Without signs the largest eigenvalue bounds every choice of them; with a majorant it adds up.
+                (1.0 / (largest(of_states) + largest(rest))).min(INPUTS / largest(of_inputs))
             }
         }
     }

@@ -8,14 +8,18 @@
 //! is), the cone is not. One input is decided by Kalman's polynomial, several by certificates; no solver's status
 //! counts.
 
-mod certificate;
 mod distance;
+mod dual;
 mod factor;
 mod giving;
 mod kalman;
+mod majorant;
 mod plane;
+mod primal;
 mod reduced;
+mod residual;
 mod sensitivity;
+mod structured;
 
 use super::gains::Gains;
 use super::margin;
@@ -25,11 +29,14 @@ use crate::control::lyapunov::{Clock, Lyapunov};
 use crate::convex::lmi::LmiError;
 use crate::ctl::{Ctl, Stopped};
 use crate::num::linalg::{self, NoConvergence, symmetric};
-use certificate::{CLEAR, Coupling, Dual, DualTest, Primal, PrimalTest};
+use dual::{Coupling, Dual, DualTest};
 use kalman::{Kalman, OneInput};
 use nalgebra::{DMatrix, DVector};
 use plane::{Outcome, PlaneError};
+use primal::{CLEAR, Primal, PrimalTest};
 use reduced::Reduced;
+pub(super) use structured::Refutation;
+pub(super) use structured::refuted;
 
 /// States up to which the whole semidefinite program stands in where the reduction does not apply.
 const WHOLE_PROGRAM: usize = 24;
@@ -289,10 +296,10 @@ fn whole_program(core: &Core, ctl: &Ctl) -> Result<Outcome, DecisionError> {
     let [x, t] = &found.duals;
     let s2 = space.scale * space.scale;
     let Some(n) = multiplier(core, &(x / s2), t) else { return Ok(Outcome::Neither) };
-    let prepared = dual.prepared(&n);
-    let Some(ratio) = dual.ratio(&prepared, &core.rounding.k).filter(|ratio| *ratio > CLEAR) else {
-        return Ok(Outcome::Neither);
-    };
+    let Some(prepared) = dual.prepared(&n) else { return Ok(Outcome::Neither) };
+    let by_gain = dual.moved_by_gain(&prepared, &core.rounding.k);
+    let ratio = dual.ratio(&prepared, &core.rounding.k, &by_gain);
+    let Some(ratio) = ratio.filter(|ratio| *ratio > CLEAR) else { return Ok(Outcome::Neither) };
     let change = distance::dual(core, &dual, &prepared);
     Ok(Outcome::Dual(Dual { n, ratio, change }, Vec::new()))
 }

@@ -5,8 +5,9 @@
 //! `φ(s)ᴴ M₀(R) φ(s) ⪰ tI` of [`Reduced`]. It is asked at a few frequencies, and at those where the best R violates
 //! it, until there are none.
 
-use super::certificate::{CLEAR, Coupling, Dual, DualTest, FLOOR, Primal, PrimalTest, asymmetry_map};
 use super::distance;
+use super::dual::{Coupling, Dual, DualTest, Prepared};
+use super::primal::{CLEAR, FLOOR, Primal, PrimalTest, asymmetry_map};
 use super::reduced::Reduced;
 use crate::control::lyapunov::Clock;
 use crate::convex::lmi::{self, Block, LmiError, Problem, Solution};
@@ -16,6 +17,7 @@ use crate::inverse::reach::Core;
 use crate::num::linalg::{self, NoConvergence, symmetric};
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
+use std::cell::OnceCell;
 
 /// Rounds at most.
 const ROUNDS: usize = 30;
@@ -27,8 +29,14 @@ const GAP: f64 = 1e-9;
 const REWEIGHTS: usize = 3;
 /// Shares of the best margin at which P is looked for.
 const LEVELS: [f64; 3] = [0.5, 0.1, 0.01];
-/// Shares of an exciting multiplier mixed into a dual.
-const MIXED: std::ops::RangeInclusive<i32> = -12..=-1;
+/// How far the frequencies of an exciting multiplier reach beyond those of the loop.
+const SPREAD: f64 = 30.0;
+/// Least cost of a direction at a frequency, as a share of `σᴴσ + vᴴv`.
+const CHEAPEST: f64 = 1e-3;
+/// Steps of its design.
+const DESIGN_STEPS: usize = 20;
+/// Shares of an exciting multiplier mixed into a dual, as powers of ten.
+const MIXED: std::ops::RangeInclusive<i32> = -12..=0;
 
 /// A certificate, if there is one.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,6 +78,8 @@ struct Plane<'a> {
     /// M₀ of them, over `scale`.
     constants: Vec<DMatrix<f64>>,
     scale: f64,
+    /// A multiplier that excites every state, where it was asked for.
+    exciting: OnceCell<DMatrix<f64>>,
 }
 
 /// A frequency inequality: φᴴ M₀ φ of R₀ and the directions, as real matrices of twice the size.
@@ -77,6 +87,10 @@ struct Cut {
     omega: f64,
     direction: DMatrix<Complex64>,
     terms: Vec<DMatrix<f64>>,
+}
+
+fn complex(m: &DMatrix<f64>) -> DMatrix<Complex64> {
+    m.map(|v| Complex64::new(v, 0.0))
 }
 
 /// The real symmetric matrix [X −Y; Y X] of a Hermitian X + jY.
@@ -131,8 +145,15 @@ pub(super) fn search(core: &Core, reduced: &Reduced, ctl: &Ctl) -> Result<Outcom
             return Ok(Outcome::Coupling(found));
         }
         let found = dual.turned(&DMatrix::zeros(m, core.states()), &DMatrix::identity(m, m));
-        let plane =
-            Plane { core, reduced: reduced.clone(), dual, weights: Vec::new(), constants: Vec::new(), scale: 1.0 };
+        let plane = Plane {
+            core,
+            reduced: reduced.clone(),
+            dual,
+            weights: Vec::new(),
+            constants: Vec::new(),
+            scale: 1.0,
+            exciting: OnceCell::new(),
+        };
         return Ok(plane.certified(&found, Vec::new()));
     }
     let sum = |z: &DVector<f64>| basis.iter().zip(z.iter()).fold(DMatrix::zeros(m, m), |s, (b, f)| s + b * *f);
@@ -143,7 +164,8 @@ pub(super) fn search(core: &Core, reduced: &Reduced, ctl: &Ctl) -> Result<Outcom
     let plant = if core.clock == Clock::Continuous { a } else { 1.0 };
     let scale = k * k + plant * k / b;
     let constants = weights.iter().map(|r| reduced.constant(r) / scale).collect();
-    let mut plane = Plane { core, reduced: reduced.clone(), dual, weights, constants, scale };
+    let mut plane =
+        Plane { core, reduced: reduced.clone(), dual, weights, constants, scale, exciting: OnceCell::new() };
     let mut outcome = Outcome::Neither;
     for _ in 0..REWEIGHTS {
         let (found, moved) = plane.run(&primal, ctl)?;
@@ -162,7 +184,6 @@ impl Plane<'_> {
 
     fn cut(&self, omega: f64) -> Option<Cut> {
         let direction = self.reduced.direction(omega)?;
-        let complex = |m: &DMatrix<f64>| m.map(|v| Complex64::new(v, 0.0));
         let inner = |m0: &DMatrix<f64>| doubled(&(direction.adjoint() * complex(m0) * &direction));
         let terms: Vec<_> = self.constants.iter().map(inner).collect();
         terms.iter().all(|t| t.iter().all(|v| v.is_finite())).then_some(Cut { omega, direction, terms })
@@ -275,20 +296,26 @@ impl Plane<'_> {
         found.into_iter().take(ADDED).map(|(_, omega)| omega).collect()
     }
 
+    /// x, v and σ = v + Kx of the columns of φ at a frequency that is finite or of sampled time.
+    fn signals(&self, cut: &Cut) -> Option<[DMatrix<Complex64>; 3]> {
+        let states = complex(&self.reduced.coordinates) * &cut.direction;
+        // B v = (s − A) x.
+        let moved = states.map(|v| v * self.reduced.point(cut.omega)) - complex(&self.core.a) * &states;
+        let inputs = complex(&self.core.b.clone().pseudo_inverse(0.0).ok()?) * moved;
+        let sigma = &inputs + complex(&self.core.k) * &states;
+        Some([states, inputs, sigma])
+    }
+
     /// N of directions Z at a frequency.
     fn at_frequency(&self, cut: &Cut, z: &DMatrix<Complex64>) -> DMatrix<f64> {
-        let complex = |m: &DMatrix<f64>| m.map(|v| Complex64::new(v, 0.0));
-        let states = complex(&self.reduced.coordinates) * &cut.direction;
-        let Ok(pseudo) = self.core.b.clone().pseudo_inverse(0.0) else { return DMatrix::zeros(0, 0) };
         let closed = self.reduced.closed_loop();
         if cut.omega.is_infinite() && self.reduced.clock() == Clock::Continuous {
+            let states = complex(&self.reduced.coordinates) * &cut.direction;
+            let Ok(pseudo) = self.core.b.clone().pseudo_inverse(0.0) else { return DMatrix::zeros(0, 0) };
             let inputs = complex(&pseudo) * &states;
             return (inputs * z * (complex(closed) * states).adjoint()).map(|v| v.re);
         }
-        let point = self.reduced.point(cut.omega);
-        // B v = (s − A) x, and σ = v + Kx.
-        let moved = states.map(|v| v * point) - complex(&self.core.a) * &states;
-        let sigma = complex(&pseudo) * moved + complex(&self.core.k) * &states;
+        let Some([states, _, sigma]) = self.signals(cut) else { return DMatrix::zeros(0, 0) };
         let plain = -(&sigma * z * states.adjoint()).map(|v| v.re);
         match self.reduced.clock() {
             Clock::Continuous => plain,
@@ -300,6 +327,55 @@ impl Plane<'_> {
                 }
             }
         }
+    }
+
+    /// A multiplier that excites every state at the least cost: the D-optimal one among directions at frequencies over
+    /// the range of the loop, each at the cost `|σᴴσ − vᴴv|`. No X of the same cost exceeds n times its X in any direction
+    /// (Kiefer and Wolfowitz, Can. J. Math. 12, 363–366, 1960).
+    fn exciting(&self) -> DMatrix<f64> {
+        let (m, n) = (self.core.ports(), self.core.states());
+        let poles = self.reduced.eigenvalues().unwrap_or_default();
+        let (low, high) =
+            poles.iter().map(|v| v.norm()).filter(|v| *v > 0.0).fold((1.0, 1.0), |(l, h), v| (v.min(l), v.max(h)));
+        let (low, high): (f64, f64) = (SPREAD.recip() * low, SPREAD * high);
+        let count = 2 * n / m + 12;
+        let mut designs = Vec::new();
+        for i in 0..count {
+            let omega = low * (high / low).powf(i as f64 / (count - 1) as f64);
+            let Some(direction) = self.reduced.direction(omega) else { continue };
+            let cut = Cut { omega, direction, terms: Vec::new() };
+            let Some([states, inputs, sigma]) = self.signals(&cut) else { continue };
+            let (out, back) = (sigma.adjoint() * &sigma, inputs.adjoint() * &inputs);
+            let floor = (out.trace().re + back.trace().re) * CHEAPEST / m as f64;
+            let eigen = (out - back).symmetric_eigen();
+            let costs = eigen.eigenvalues.map(|v| v.abs() + floor);
+            let mut turned = states * &eigen.eigenvectors;
+            for (mut column, cost) in turned.column_iter_mut().zip(costs.iter()) {
+                column.scale_mut(cost.sqrt().recip());
+            }
+            designs.push((cut, eigen.eigenvectors, costs, turned));
+        }
+        let mut shares = vec![DVector::from_element(m, 1.0 / (m * count) as f64); designs.len()];
+        for _ in 0..DESIGN_STEPS {
+            let mut x = DMatrix::zeros(n, n);
+            for ((_, _, _, turned), share) in designs.iter().zip(&shares) {
+                let weighed = DMatrix::from_fn(n, m, |i, j| turned[(i, j)] * share[j].sqrt());
+                x += (&weighed * weighed.adjoint()).map(|v| v.re);
+            }
+            let Some(inverse) = symmetric(&x).cholesky().map(|c| complex(&c.inverse())) else { break };
+            for ((_, _, _, turned), share) in designs.iter().zip(&mut shares) {
+                let reached = &inverse * turned;
+                for (j, share) in share.iter_mut().enumerate() {
+                    *share *= turned.column(j).dotc(&reached.column(j)).re / n as f64;
+                }
+            }
+        }
+        let mut sum = DMatrix::zeros(m, n);
+        for ((cut, vectors, costs, _), share) in designs.iter().zip(&shares) {
+            let weights = DMatrix::from_diagonal(&share.component_div(costs).map(|v| Complex64::new(v, 0.0)));
+            sum += self.at_frequency(cut, &(vectors * weights * vectors.adjoint()));
+        }
+        self.dual.turned(&sum, &DMatrix::zeros(m, m))
     }
 
     /// The multiplier of a solution's duals, with the frequencies that it is made of.
@@ -323,37 +399,39 @@ impl Plane<'_> {
 
     /// The dual certificate of a multiplier with a little of one that excites every state.
     fn certified(&self, n: &DMatrix<f64>, frequencies: Vec<f64>) -> Outcome {
-        let m = self.core.ports();
-        let mut exciting = DMatrix::zeros(m, self.core.states());
-        let poles = self.reduced.eigenvalues().unwrap_or_default();
-        let (low, high) =
-            poles.iter().map(|v| v.norm()).filter(|v| *v > 0.0).fold((1.0, 1.0), |(l, h), v| (v.min(l), v.max(h)));
-        let (low, high): (f64, f64) = (0.3 * low, 3.0 * high);
-        let count = self.core.states() / m + 4;
-        for i in 0..count {
-            let omega = low * (high / low).powf(i as f64 / (count - 1) as f64);
-            if let Some(direction) = self.reduced.direction(omega) {
-                let cut = Cut { omega, direction, terms: Vec::new() };
-                exciting += self.at_frequency(&cut, &DMatrix::identity(m, m));
-            }
-        }
-        let size =
-            |n: &DMatrix<f64>| self.dual.inputs(n, &self.dual.states(n)).norm().max(n.norm() * self.core.k.norm());
-        let (own, other) = (size(n), size(&exciting));
+        let exciting = self.exciting.get_or_init(|| self.exciting());
+        let inputs = |n: &DMatrix<f64>| self.dual.inputs(n, &self.dual.states(n));
+        let (mut t, mut t_exciting) = (inputs(n), inputs(exciting));
+        let own = t.norm().max(n.norm() * self.core.k.norm());
+        let other = t_exciting.norm().max(exciting.norm() * self.core.k.norm());
         if !(own.is_finite() && own > 0.0 && other > 0.0) {
             return Outcome::Neither;
         }
-        // Of those that hold the one that holds farthest.
-        let mut best: Option<Dual> = None;
+        t /= own;
+        t_exciting /= other;
+        // Of those that hold the one that holds with the largest ratio.
+        let mut best: Option<(f64, Prepared)> = None;
         for power in MIXED {
-            let mixed = self.dual.prepared(&(n / own + &exciting * (10f64.powi(power) / other)));
-            let Some(ratio) = self.dual.ratio(&mixed, &self.core.rounding.k).filter(|r| *r > CLEAR) else { continue };
-            let change = distance::dual(self.core, &self.dual, &mixed);
-            if best.as_ref().is_none_or(|b| change > b.change) {
-                best = Some(Dual { n: mixed.n, ratio, change });
+            let share = 10f64.powi(power);
+            if DualTest::margin(&(&t + &t_exciting * share)) <= 0.0 {
+                break;
+            }
+            let Some(mixed) = self.dual.prepared(&(n / own + exciting * (share / other))) else { continue };
+            let by_gain = self.dual.moved_by_gain(&mixed, &self.core.rounding.k);
+            let ratio = self.dual.ratio(&mixed, &self.core.rounding.k, &by_gain).unwrap_or(0.0);
+            if best.as_ref().is_none_or(|(best, _)| ratio > *best) {
+                best = Some((ratio, mixed));
+            } else if best.as_ref().is_some_and(|(best, _)| *best > CLEAR) {
+                break;
             }
         }
-        best.map_or(Outcome::Neither, |found| Outcome::Dual(found, frequencies))
+        match best.filter(|(ratio, _)| *ratio > CLEAR) {
+            Some((ratio, mixed)) => {
+                let change = distance::dual(self.core, &self.dual, &mixed);
+                Outcome::Dual(Dual { n: mixed.n, ratio, change }, frequencies)
+            }
+            None => Outcome::Neither,
+        }
     }
 }
 

@@ -1,22 +1,18 @@
-//! Certificates for several inputs, which alone decide. Whatever found them is not believed.
+//! Primal certificates, which alone decide "feasible" for several inputs. Whatever found them is not believed.
 //!
-//! **Primal.** For symmetric P and R ≻ 0 the gain `K' = R⁻¹BᵀP` (`(R + BᵀPB)⁻¹BᵀPA`) is optimal for
-//! `Q' = K'ᵀRK' − AᵀP − PA` (`P − AᵀPA + K'ᵀ(R + BᵀPB)K'`). Where K' lies within the rounding of K and Q' ≻ 0 by more
-//! than the rounding of the data moves it, weights exist.
-//!
-//! **Dual.** For any N (m×n) let X solve `A_cX + XA_cᵀ = BN + NᵀBᵀ` (`X = A_cXA_cᵀ − BNA_cᵀ − A_cNᵀBᵀ`), A_c = A − BK,
-//! and `T = KXKᵀ + NKᵀ + KNᵀ`. Then `⟨X, Q⟩ = −⟨R, T⟩` for all weights that satisfy the equalities. Where X ≻ 0 and
-//! `ρ tr T + m(1 − ρ)λ_min(T) > 0`, no Q ⪰ 0 goes with any `R ⪰ ρI` of trace m.
+//! For symmetric P and R ≻ 0 the gain `K' = R⁻¹BᵀP` (`(R + BᵀPB)⁻¹BᵀPA`) is optimal for `Q' = K'ᵀRK' − AᵀP − PA`
+//! (`P − AᵀPA + K'ᵀ(R + BᵀPB)K'`). Where K' lies within the rounding of K and Q' ≻ 0 by more than the rounding of the
+//! data moves it, weights exist.
 
 use super::distance;
 use super::giving::{Giving, Response};
-use crate::control::lyapunov::{Clock, Lyapunov};
+use crate::control::lyapunov::Clock;
 use crate::convex::svec;
 use crate::inverse::reach::Core;
 use crate::inverse::rounding::UNIT;
 use crate::inverse::space::state_weight;
 use crate::num::linalg::{self, solve_symmetric, symmetric};
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{DMatrix, DVector};
 use std::f64::consts::SQRT_2;
 
 /// R counts as definite where its least eigenvalue is above this share of its mean (in balanced inputs).
@@ -55,10 +51,6 @@ pub(super) struct PrimalTest<'a> {
     /// |B⁺|ᵀ, n×m.
     pseudo: DMatrix<f64>,
     forms: Vec<Form>,
-}
-
-fn definite(m: &DMatrix<f64>) -> Option<Cholesky<f64, nalgebra::Dyn>> {
-    m.clone().cholesky()
 }
 
 /// K or one near it, and how far W and the equality are from exact ones.
@@ -153,10 +145,10 @@ impl<'a> PrimalTest<'a> {
     pub(super) fn change(&self, p: &DMatrix<f64>, r: &DMatrix<f64>) -> Option<f64> {
         let is_clear = |found: Option<Primal>| found.is_some_and(|found| found.ratio > CLEAR);
         if is_clear(self.check_forms(p, r, &self.core.rounding.k)) {
-            return distance::largest(self.core, |box_k| is_clear(self.check_forms(p, r, box_k)));
+            return distance::largest(self.core, |entry| is_clear(self.check_forms(p, r, &self.core.uniform(entry))));
         }
         let (giving, response) = self.giving(p, r, &self.core.rounding.k)?;
-        distance::largest(self.core, |box_k| giving.ratio(&response, box_k) > CLEAR)
+        distance::largest(self.core, |entry| giving.ratio(&response, &self.core.uniform(entry)) > CLEAR)
     }
 
     /// How far P and R are from exact ones for K, or for a gain within its rounding.
@@ -171,7 +163,7 @@ impl<'a> PrimalTest<'a> {
             Clock::Continuous => (r.clone(), bp),
             Clock::Sampled => (symmetric(&(r + &bp * b)), &bp * a),
         };
-        definite(&weight)?;
+        weight.clone().cholesky()?;
         let k_there = solve_symmetric(&weight, &right);
         if (&k_there - k).iter().zip(rounding.k.iter()).all(|(d, bound)| d.abs() <= *bound) {
             let missing = DMatrix::zeros(k.nrows(), k.ncols());
@@ -246,200 +238,4 @@ pub(super) fn asymmetry_map(product: &DMatrix<f64>) -> DMatrix<f64> {
         }
     }
     map
-}
-
-/// A multiplier that proves "infeasible", in the units of the core.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Dual {
-    /// N, m×n.
-    pub n: DMatrix<f64>,
-    /// `ρ tr T + m(1 − ρ)λ_min(T)` over what rounding moves it.
-    pub ratio: f64,
-    /// The relative change of K up to which it holds.
-    pub change: Option<f64>,
-}
-
-/// A multiplier with what its test needs.
-pub(super) struct Prepared {
-    pub n: DMatrix<f64>,
-    x: DMatrix<f64>,
-    size_x: f64,
-    size_n: f64,
-    residual: f64,
-    /// `ρ tr T + m(1 − ρ)λ_min(T)`.
-    margin: f64,
-}
-
-/// What a dual test needs of the loop.
-pub(super) struct DualTest<'a> {
-    core: &'a Core,
-    closed: DMatrix<f64>,
-    lyapunov: Lyapunov,
-    /// H of `A_cH + HA_cᵀ + I = 0` (`H = A_cHA_cᵀ + I`).
-    unit: DMatrix<f64>,
-    /// `‖KHKᵀ‖`.
-    unit_gain: f64,
-}
-
-impl<'a> DualTest<'a> {
-    pub(super) fn new(core: &'a Core) -> Option<Self> {
-        let closed = core.closed_loop();
-        let lyapunov = Lyapunov::new(&closed, core.clock).ok()?;
-        let n = core.states();
-        let unit = lyapunov.solve_adjoint(&DMatrix::identity(n, n));
-        let unit_gain = symmetric(&(&core.k * &unit * core.k.transpose())).symmetric_eigenvalues().amax();
-        Some(Self { core, closed, lyapunov, unit, unit_gain })
-    }
-
-    /// The right side of the equation of X.
-    fn source(&self, n: &DMatrix<f64>) -> DMatrix<f64> {
-        let half = match self.core.clock {
-            Clock::Continuous => &self.core.b * n,
-            Clock::Sampled => &self.core.b * n * self.closed.transpose(),
-        };
-        -(&half + half.transpose())
-    }
-
-    /// X of a multiplier.
-    pub(super) fn states(&self, n: &DMatrix<f64>) -> DMatrix<f64> {
-        self.lyapunov.solve_adjoint(&self.source(n))
-    }
-
-    /// T of a multiplier with its X.
-    pub(super) fn inputs(&self, n: &DMatrix<f64>, x: &DMatrix<f64>) -> DMatrix<f64> {
-        let k = &self.core.k;
-        let half = n * k.transpose();
-        symmetric(&(k * x * k.transpose() + &half + half.transpose()))
-    }
-
-    /// X and T of a multiplier, and the residual of its equation.
-    pub(super) fn prepared(&self, n: &DMatrix<f64>) -> Prepared {
-        let Core { b, clock, .. } = self.core;
-        let x = self.states(n);
-        let (size, size_x, size_n) = (self.closed.norm(), x.norm(), n.norm());
-        let order = x.nrows() as f64;
-        let (left, sizes) = match clock {
-            Clock::Continuous => {
-                let product = &self.closed * &x;
-                (&product + product.transpose() + self.source(n), size * size_x + b.norm() * size_n)
-            }
-            Clock::Sampled => {
-                let moved = &self.closed * &x * self.closed.transpose();
-                (moved - &x + self.source(n), size * size * size_x + size_x + b.norm() * size_n * size)
-            }
-        };
-        let t = self.inputs(n, &x);
-        let margin = {
-            let m = t.nrows() as f64;
-            FLOOR * t.trace() + m * (1.0 - FLOOR) * t.symmetric_eigenvalues().min()
-        };
-        Prepared { size_x, size_n, residual: left.norm() + order * UNIT * 4.0 * sizes, margin, x, n: n.clone() }
-    }
-
-    /// The margin of a multiplier over its rounding, with a box of K; `None` where X is not definite for all of it.
-    pub(super) fn ratio(&self, of: &Prepared, box_k: &DMatrix<f64>) -> Option<f64> {
-        let Core { a, b, k, clock, rounding } = self.core;
-        let (m, order) = (k.nrows() as f64, a.nrows() as f64);
-        let Prepared { size_x, size_n, residual, margin, x, .. } = of;
-        let closed_change = (&rounding.a + b.abs() * box_k + &rounding.b * k.abs()).norm();
-        let (size_k, change_b, size) = (k.norm(), rounding.b.norm(), self.closed.norm());
-        // What X solves with a residual, for every plant and gain of the box: |ΔX| ⪯ e·H, to first order in H.
-        let (change, own) = match clock {
-            Clock::Continuous => (2.0 * (change_b * size_n + closed_change * size_x), 1.0),
-            Clock::Sampled => {
-                let loop_ = (2.0 * size + closed_change) * closed_change * size_x;
-                (loop_ + 2.0 * size_n * (change_b * size + b.norm() * closed_change), size)
-            }
-        };
-        let drift = 2.0 * closed_change * self.unit.norm() * own;
-        if drift >= 0.5 {
-            return None;
-        }
-        let e = (residual + change) / (1.0 - drift);
-        // X ≻ eH, by Cholesky of the difference, whose own rounding is in the residual.
-        definite(&(x - &self.unit * (e * (1.0 + 4.0 * order * UNIT))))?;
-        let change_k = box_k.norm();
-        let inputs = e * self.unit_gain
-            + change_k * (2.0 * size_k + change_k) * size_x
-            + 2.0 * change_k * size_n
-            + 8.0 * order * UNIT * (size_k * size_k * size_x + 2.0 * size_n * size_k);
-        // A change of T by a matrix of norm d moves both parts by m·d together at most.
-        Some(margin / (m * inputs))
-    }
-
-    /// `Ω` for which `ΩMᵀ − MΩ` comes nearest to a wanted matrix, with `M = KB` (`K(A − BK)⁻¹B`), and the rows that
-    /// take it to a multiplier: `N = Ω·(A_c⁻¹B)ᵀ`, or `ΩBᵀ`.
-    fn antisymmetric(&self, wanted: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
-        let m = self.core.ports();
-        let shift = match self.core.clock {
-            Clock::Continuous => self.core.b.transpose(),
-            Clock::Sampled => self.closed.clone().lu().solve(&self.core.b)?.transpose(),
-        };
-        let product = &shift * self.core.k.transpose();
-        let pairs: Vec<(usize, usize)> = (0..m).flat_map(|j| (0..j).map(move |i| (i, j))).collect();
-        if pairs.is_empty() {
-            return None;
-        }
-        let image = |&(i, j): &(usize, usize)| {
-            let mut omega = DMatrix::zeros(m, m);
-            omega[(i, j)] = 1.0;
-            omega[(j, i)] = -1.0;
-            let half = omega * &product;
-            (&half + half.transpose()).as_slice().to_vec()
-        };
-        let columns: Vec<f64> = pairs.iter().flat_map(image).collect();
-        let matrix = DMatrix::from_vec(m * m, pairs.len(), columns);
-        let (u, values, v) = linalg::svd(&matrix).ok()?;
-        let right = u.tr_mul(&DVector::from_column_slice(wanted.as_slice()));
-        let mut omega = DMatrix::<f64>::zeros(m, m);
-        for (at, value) in values.iter().enumerate().filter(|(_, v)| **v > 1e-14 * values[0].max(f64::MIN_POSITIVE)) {
-            for (row, (i, j)) in pairs.iter().enumerate() {
-                let entry = v[(row, at)] * right[at] / value;
-                omega[(*i, *j)] += entry;
-                omega[(*j, *i)] -= entry;
-            }
-        }
-        Some((omega, shift))
-    }
-
-    /// N with an antisymmetric Ω more, which leaves X as it is, so that T comes as near as possible to a wanted one.
-    pub(super) fn turned(&self, n: &DMatrix<f64>, wanted: &DMatrix<f64>) -> DMatrix<f64> {
-        let missing = wanted - self.inputs(n, &self.states(n));
-        self.antisymmetric(&missing).map_or_else(|| n.clone(), |(omega, shift)| n + omega * shift)
-    }
-
-    /// The certificate that no R ⪰ ρI makes `R·M` symmetric: `T = ΩMᵀ − MΩ` is orthogonal to all that do.
-    pub(super) fn coupling(&self, wanted: &DMatrix<f64>) -> Option<Coupling> {
-        let (omega, shift) = self.antisymmetric(wanted)?;
-        let half = &omega * &shift * self.core.k.transpose();
-        let t = symmetric(&(&half + half.transpose()));
-        let m = t.nrows() as f64;
-        let margin = FLOOR * t.trace() + m * (1.0 - FLOOR) * t.symmetric_eigenvalues().min();
-        let found = Coupling { omega, ratio: 0.0, change: None };
-        let ratio = |box_k: &DMatrix<f64>| {
-            let Core { a, b, k, clock, rounding } = self.core;
-            let moved = match clock {
-                Clock::Continuous => box_k * b.abs() + k.abs() * &rounding.b,
-                Clock::Sampled => {
-                    let solved = shift.transpose().abs();
-                    let gain = self.closed.transpose().lu().solve(&k.transpose())?.transpose().abs();
-                    let change = &rounding.a + b.abs() * box_k + &rounding.b * k.abs();
-                    box_k * &solved + &gain * change * &solved + gain * &rounding.b
-                }
-            };
-            let own = 8.0 * a.nrows() as f64 * UNIT * (k.abs() * shift.transpose().abs()).norm();
-            Some(margin / (m * 2.0 * found.omega.norm() * (moved.norm() + own)))
-        };
-        let own = ratio(&self.core.rounding.k).filter(|ratio| *ratio > CLEAR)?;
-        let change = distance::largest(self.core, |box_k| ratio(box_k).is_some_and(|ratio| ratio > CLEAR));
-        Some(Coupling { ratio: own, change, ..found })
-    }
-}
-
-/// An antisymmetric Ω that proves "infeasible" by the equality of R alone.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Coupling {
-    pub omega: DMatrix<f64>,
-    pub ratio: f64,
-    pub change: Option<f64>,
 }
