@@ -32,4 +32,4 @@ pub use lqr::{InverseLqr, Settings, inverse_lqr};
 pub use proof::{Proof, ReturnDifference};
 pub use reach::Targets;
 pub use structure::{QSign, Structure, StructureError};
-pub use verdict::{Decision, Evidence, Verdict};
+pub use verdict::{Decision, Evidence, Refutation, Verdict};

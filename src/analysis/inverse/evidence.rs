@@ -68,6 +68,18 @@ pub struct EvidenceResult {
     pub gain_rounding: Option<Rows>,
 }
 
+/// What proves that a structure has no weights, where without one there may be some.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "InverseRefutation")]
+pub struct RefutationResult {
+    /// N, in the shape of the gain and in the units of inputs times states, as in `evidence`: the entries of X that the
+    /// structure lets Q have complete to a definite matrix, and `⟨X, Q⟩ = −⟨R, KXKᵀ + NKᵀ + KNᵀ⟩ < 0` for all its
+    /// weights.
+    pub multiplier: Rows,
+    /// Its margin over what the rounding of the data moves, dimensionless; above 1.
+    pub ratio: f64,
+}
+
 /// Modes that no input reaches (no output sees).
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 #[schemars(rename = "InverseUnreached")]
@@ -160,6 +172,12 @@ pub(super) fn evidence(half: &Half, answer: &InverseLqr) -> EvidenceResult {
         Evidence::None => {}
     }
     result
+}
+
+/// Null where the structure has weights, or the whole has none.
+pub(super) fn refutation(half: &Half, answer: &InverseLqr) -> Option<RefutationResult> {
+    let found = answer.refutation.as_ref()?;
+    Some(RefutationResult { multiplier: like_the_gain(half, &found.n), ratio: found.ratio })
 }
 
 /// Null where inputs reach every state.

@@ -1,6 +1,6 @@
 //! The result about a filter: that of its dual regulator with the letters and shapes of a filter.
 
-use super::evidence::{EvidenceResult, SolvedByName, UnreachedResult};
+use super::evidence::{EvidenceResult, RefutationResult, SolvedByName, UnreachedResult};
 use super::parts::{AxisResult, ComparisonResult, FitPointResult, ProofResult, Rows, Verdict};
 use super::regulator::{CostDescent, CostFit, CostReading, CostWithCrossTerm, InverseLqrResult};
 use schemars::JsonSchema;
@@ -116,6 +116,9 @@ pub struct InverseLqeResult {
     /// The verdict without a structure, what it rests on, and by how much, with A, B and K those of the dual: Aᵀ, Cᵀ,
     /// Lᵀ. Where that is infeasible every structure is.
     pub evidence: EvidenceResult,
+    /// What proves that the structure that was asked for has no noises, likewise; null where it has some or nothing
+    /// proves either, and where the whole has none.
+    pub refutation: Option<RefutationResult>,
     /// ‖ΔL‖/‖L‖ up to the boundary, dimensionless, in units in which plant and gain are of one size. With one output to
     /// first order (where infeasible a lower bound of it), with several a lower bound, up to which the certificate
     /// holds. Null without a certificate.
@@ -182,6 +185,7 @@ impl From<InverseLqrResult> for InverseLqeResult {
             verdict: dual.verdict,
             within_pattern: dual.within_pattern,
             evidence: dual.evidence,
+            refutation: dual.refutation,
             relative_change: dual.relative_change,
             c_star: dual.c_star,
             uninformative: dual.uninformative,

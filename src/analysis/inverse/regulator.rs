@@ -1,6 +1,8 @@
 //! The result about a regulator.
 
-use super::evidence::{EvidenceResult, SolvedByName, UnreachedResult, evidence, unreached};
+use super::evidence::{
+    EvidenceResult, RefutationResult, SolvedByName, UnreachedResult, evidence, refutation, unreached,
+};
 use super::findings::Findings;
 use super::half::Half;
 use super::parts::{
@@ -126,6 +128,9 @@ pub struct InverseLqrResult {
     pub within_pattern: bool,
     /// The verdict without a structure, what it rests on, and by how much. Where that is infeasible every structure is.
     pub evidence: EvidenceResult,
+    /// What proves that the structure that was asked for has no weights; null where it has some or nothing proves
+    /// either, and where the whole has none.
+    pub refutation: Option<RefutationResult>,
     /// ‖ΔK‖/‖K‖ up to the boundary, dimensionless, in units in which plant and gain are of one size. With one input to
     /// first order (where infeasible a lower bound of it), with several a lower bound, up to which the certificate
     /// holds. Null without a certificate.
@@ -195,6 +200,7 @@ impl InverseLqrResult {
             verdict: answer.verdict.into(),
             within_pattern: answer.is_within_pattern,
             evidence: evidence(half, answer),
+            refutation: refutation(half, answer),
             relative_change: answer.decision.relative_change.filter(|v| v.is_finite()),
             c_star: answer.decision.factor,
             uninformative: answer.decision.is_uninformative,

@@ -35,7 +35,7 @@ use nalgebra::{DMatrix, DVector};
 use plane::{Outcome, PlaneError};
 use primal::{CLEAR, Primal, PrimalTest};
 use reduced::Reduced;
-pub(super) use structured::Refutation;
+pub use structured::Refutation;
 pub(super) use structured::refuted;
 
 /// States up to which the whole semidefinite program stands in where the reduction does not apply.
