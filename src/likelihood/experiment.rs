@@ -13,9 +13,9 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 /// A direction of the initial state whose response is this small beside the others leaves no trace in the samples.
+const TRACE: f64 = 1e-9;
 /// Entries from which a matrix is decomposed by blocks.
 const LARGE: usize = 100_000;
-const TRACE: f64 = 1e-9;
 
 /// Samples times outputs of all trials, times parameters, at most: the derivatives are held in memory.
 pub const MAX_NUMBERS: usize = 20_000_000;

@@ -33,6 +33,9 @@ pub enum PlantTextError {
     /// Division by a zero polynomial.
     #[error("a divisor is zero")]
     ZeroDivisor,
+    /// A coefficient beyond the range of doubles.
+    #[error("a coefficient is larger than a double can be")]
+    TooLarge,
     /// A power that is too high.
     #[error("powers go up to {MAX_POWER}")]
     PowerTooHigh,
@@ -86,6 +89,9 @@ pub fn parse(text: &str) -> Result<Model, PlantTextError> {
     reader.skip_space();
     if reader.at < reader.characters.len() {
         return Err(reader.expected("an operator or the end"));
+    }
+    if [&value.num, &value.den].iter().any(|part| part.coefficients().iter().any(|c| !c.is_finite())) {
+        return Err(PlantTextError::TooLarge);
     }
     Ok(Model::TransferFunction(TransferFunctionModel {
         num: value.num.coefficients().to_vec(),
@@ -280,6 +286,10 @@ mod tests {
         }
         assert_eq!(parse("1/(s-s)"), Err(PlantTextError::ZeroDivisor));
         assert_eq!(parse("s^99"), Err(PlantTextError::PowerTooHigh));
+        // Found by the fuzzer: this was read as a plant of infinite gain.
+        for text in ["1e300^2", "1/(s+1e200)^2", &format!("{}^9", "2".repeat(100))] {
+            assert_eq!(parse(text), Err(PlantTextError::TooLarge), "{text}");
+        }
         assert_eq!(parse(&"(".repeat(400)), Err(PlantTextError::TooLong));
         for (text, position) in
             [("", 1), ("1/(s", 5), ("K/s", 1), ("1/x", 3), ("1/s)", 4), ("e3", 1), ("1e999", 1), ("s^", 3)]
