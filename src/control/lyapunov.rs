@@ -226,7 +226,8 @@ fn conjugate_dot(x: &[Complex64], y: &[Complex64]) -> Complex64 {
     x.iter().zip(y).map(|(x, y)| x.conj() * y).sum()
 }
 
-/// y with `d(t_ii)·y_i + factor·Σ_{k>i} t_ik y_k = right_i`, T upper triangular: from the bottom, column by column of T.
+/// y with `d(t_ii)·y_i + factor·Σ_{k>i} t_ik y_k = right_i`, T upper triangular: from the bottom, column by column of
+/// T.
 fn upper(
     t: &DMatrix<Complex64>,
     mut right: Vec<Complex64>,

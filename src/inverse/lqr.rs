@@ -319,8 +319,8 @@ fn as_proven(
     proven(gains, settings, q / least, r / least, ctl)
 }
 
-/// The verdict within a structure with its margin and the units of that: by the sign of the margin, in units in which it is large, against what the rounding
-/// of the data makes of it.
+/// The verdict within a structure with its margin and the units of that: by the sign of the margin, in units in which
+/// it is large, against what the rounding of the data makes of it.
 fn within(space: &Space, first: Margin, noise: f64, ctl: &Ctl) -> Result<(Verdict, Margin, Units), LmiError> {
     let (mut decisive, mut its_units) = (first, Units::uniform(space, 1.0));
     let mut rounding = MARGIN_PRECISION.max(noise);

@@ -28,8 +28,8 @@ pub(super) struct Margin {
 }
 
 impl Margin {
-    /// `(X̂, T̂)` with `⟨X̂, Q⟩ + ⟨T̂, R⟩ = 0` for all weights of the space in the units of the plant, where t* is negative:
-    /// the dual weights with the share of −t* that falls on the trace.
+    /// `(X̂, T̂)` with `⟨X̂, Q⟩ + ⟨T̂, R⟩ = 0` for all weights of the space in the units of the plant, where t* is
+    /// negative: the dual weights with the share of −t* that falls on the trace.
     pub(super) fn dual(&self, space: &Space, units: &Units) -> [DMatrix<f64>; 2] {
         let share = -self.t_star / (units.q.len() + units.r.len()) as f64;
         let back = |dual: &DMatrix<f64>, d: &DVector<f64>| {

@@ -346,8 +346,8 @@ fn projected(model: &Differentiated<Discrete>, record: &Record, whitening: &DMat
     Some(Part { residuals, jacobian, initial: Some(initial), nuisances })
 }
 
-/// The rows `C Aᵏ`, k from 0, of all samples, samples·p × n. By doubling: products of large matrices take a tenth of the
-/// time of one row after another.
+/// The rows `C Aᵏ`, k from 0, of all samples, samples·p × n. By doubling: products of large matrices take a tenth of
+/// the time of one row after another.
 fn free_responses(c: &DMatrix<f64>, a: &DMatrix<f64>, samples: usize) -> DMatrix<f64> {
     let (p, n) = c.shape();
     let mut rows = DMatrix::zeros(samples * p, n);

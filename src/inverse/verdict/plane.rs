@@ -330,8 +330,8 @@ impl Plane<'_> {
     }
 
     /// A multiplier that excites every state at the least cost: the D-optimal one among directions at frequencies over
-    /// the range of the loop, each at the cost `|σᴴσ − vᴴv|`. No X of the same cost exceeds n times its X in any direction
-    /// (Kiefer and Wolfowitz, Can. J. Math. 12, 363–366, 1960).
+    /// the range of the loop, each at the cost `|σᴴσ − vᴴv|`. No X of the same cost exceeds n times its X in any
+    /// direction (Kiefer and Wolfowitz, Can. J. Math. 12, 363–366, 1960).
     fn exciting(&self) -> DMatrix<f64> {
         let (m, n) = (self.core.ports(), self.core.states());
         let poles = self.reduced.eigenvalues().unwrap_or_default();

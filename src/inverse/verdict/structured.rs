@@ -78,8 +78,8 @@ impl Completion<'_> {
     }
 }
 
-/// A certificate that the structure has no weights, from the dual of its margin, (X̂, T̂) in the units of the plant; with
-/// none where the equalities alone leave nothing.
+/// A certificate that the structure has no weights, from the dual of its margin, (X̂, T̂) in the units of the plant;
+/// with none where the equalities alone leave nothing.
 ///
 /// # Errors
 /// [`NoConvergence`] where a decomposition fails.
