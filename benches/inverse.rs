@@ -92,8 +92,8 @@ fn large(count: usize, seed: u64, complain: &mut impl FnMut(String)) {
     }
     let seconds = begin.elapsed().as_secs_f64();
     println!(
-        "{answered} large loops in {seconds:.0} s, the slowest verdict in {slowest:.2} s; {} optimal ones and {} others \
-         without a certificate, {refused} refused as unstable",
+        "{answered} large loops in {seconds:.0} s, the slowest verdict in {slowest:.2} s; {} optimal ones and \
+         {} others without a certificate, {refused} refused as unstable",
         uncertified[0], uncertified[1]
     );
 }
