@@ -121,14 +121,16 @@ fn branch_and_bound(smoke: bool) {
         }
         let limit = Threshold::new(&problem, recipe.structure(), found.cost).unwrap().limit;
         let norms = Norms(&plant);
+        let best = found.index;
         let question =
-            Question { problem: &problem, pool: &pool, plant: &plant, limit, best: found.index, norms: &norms };
+            Question { problem: &problem, pool: &pool, plant: &plant, limit, best, norms: &norms, held: None };
         let begin = Instant::now();
         let set = ranges(&question, Some(clusters), &ctl).unwrap();
         range_times.push(begin.elapsed().as_secs_f64());
         let begin = Instant::now();
         let share = share(&question, false, &ctl).unwrap();
-        let of = |range: &NormRange| {
+        let of = |range: &Option<NormRange>| {
+            let range = range.as_ref().expect("nothing is held at zero");
             let norm = |end: &Option<ExtremeMember>| end.as_ref().map_or(f64::INFINITY, |member| member.norm);
             format!("{:.4} to {:.4}", norm(&range.least), norm(&range.largest))
         };

@@ -51,8 +51,8 @@ pub(crate) struct ComparisonQuery {
     #[param(nullable = false, pattern = "^[0-9a-f]{64}$")]
     spec: Option<String>,
     /// The metrics, separated by commas: `mean_abs_error`, `rms_error`, `norm_feedback`,
-    /// `norm_feedforward_minus_inverse`, `norm_feedforward_plant_minus_one`, `variance_accounted_for`. Each more costs
-    /// power, since p-values are adjusted for all.
+    /// `norm_feedforward_minus_inverse`, `norm_feedforward_plant_minus_one`, `variance_accounted_for`,
+    /// `control_log_dimensionless_jerk` (smoothness of u). Each more costs power, since p-values are adjusted for all.
     #[param(value_type = Option<String>, nullable = false, pattern = "^[a-z_]+(,[a-z_]+)*$",
         default = "mean_abs_error,norm_feedback,norm_feedforward_plant_minus_one")]
     metrics: Vec<Metric>,

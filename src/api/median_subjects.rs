@@ -36,7 +36,8 @@ const MAX_SAMPLES: usize = 500_000;
 #[into_params(parameter_in = Query)]
 pub(crate) struct MedianQuery {
     /// The metric whose median the subject has: `mean_abs_error`, `rms_error`, `norm_feedback`,
-    /// `norm_feedforward_minus_inverse`, `norm_feedforward_plant_minus_one` or `variance_accounted_for`.
+    /// `norm_feedforward_minus_inverse`, `norm_feedforward_plant_minus_one`, `variance_accounted_for` or
+    /// `control_log_dimensionless_jerk`.
     #[param(value_type = Option<String>, nullable = false, pattern = "^[a-z_]+$", default = "mean_abs_error")]
     metric: Metric,
     /// What a subject's value is: the mean over `all` of its trials that are shown, or that of the `first` or `last`

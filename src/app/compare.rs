@@ -38,7 +38,7 @@ pub struct CompareArgs {
     #[arg(long, value_name = "SHA256")]
     pub spec: Option<String>,
     /// The metrics: mean_abs_error, rms_error, norm_feedback, norm_feedforward_minus_inverse,
-    /// norm_feedforward_plant_minus_one, variance_accounted_for.
+    /// norm_feedforward_plant_minus_one, variance_accounted_for, control_log_dimensionless_jerk.
     #[arg(long, value_name = "NAME,NAME")]
     pub metrics: Option<String>,
     /// What is compared of each: first, last, change, retention.

@@ -185,6 +185,19 @@ impl Basis {
         })
     }
 
+    /// For no numerator at all: both parts are empty, and the numerator is 0.
+    #[must_use]
+    pub fn none(time: Time) -> Self {
+        let (even, odd) = (Part::default(), Part::default());
+        Self { time, degree: 0, delay_s: 0.0, centre: 0.0, half: 1.0, even, odd }
+    }
+
+    /// Whether there is no numerator.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        self.even.is_empty() && self.odd.is_empty()
+    }
+
     /// The real part, E.
     #[must_use]
     pub fn even(&self) -> &Part {
@@ -318,6 +331,15 @@ mod tests {
                     assert!((product - f64::from(u8::from(i == j))).abs() < 1e-13);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn no_numerator_is_zero() {
+        for time in [Time::Continuous, Time::Sampled(Discrete::new(0.02).unwrap())] {
+            let none = Basis::none(time);
+            assert!(none.is_none() && !Basis::new(time, 0, &[1.0]).unwrap().is_none());
+            assert_eq!(none.numerator(&[], &[]), [0.0]);
         }
     }
 

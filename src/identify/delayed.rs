@@ -154,7 +154,7 @@ fn turned(lines: &Lines, recipe: &Recipe, delays: Pair) -> Result<Problem, SsidE
     for line in &mut lines.used {
         line.plant *= Complex64::from_polar(1.0, -line.omega_rad_s * delays.feedback_s);
     }
-    let problem = Problem::new(&lines, recipe.feedforward_numerator_degree)?;
+    let problem = Problem::holding(recipe.held, &lines, recipe.feedforward_numerator_degree)?;
     Ok(problem.with_feedforward_delay(delays.feedforward_s - delays.feedback_s))
 }
 

@@ -59,7 +59,7 @@ pub fn equivalent_set(
     let Searched { problem, pool, prepared, structure } = searched;
     let threshold = Threshold::new(problem, *structure, found.optimum.cost).ok_or(NoSet::NothingLeft)?;
     let (limit, best) = (threshold.limit, found.optimum.index);
-    let question = Question { problem, pool, plant: &found.plant, limit, best, norms };
+    let question = Question { problem, pool, plant: &found.plant, limit, best, norms, held: structure.held };
     let ranges = if asked.ranges {
         let _ranges = ctl.scope(RANGES);
         Some(ranges(&question, prepared.as_ref(), ctl)?)

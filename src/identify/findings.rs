@@ -1,5 +1,6 @@
 //! What must be read before the result of a subsystem identification is used.
 
+use super::held::Held;
 use super::pool::{Pool, Position, Recipe};
 use super::problem::{NEAR, Unusable};
 use super::ssid::{Finding, Identified};
@@ -49,12 +50,19 @@ pub(super) fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, positio
     }
     let structure = recipe.structure();
     let (np, dp) = (found.plant.num().degree(), found.plant.den().degree());
+    // Degrees of Nff Dfb and Nfb Dff; one that is held at zero has none.
+    let degree = |numerator: usize, denominator: usize, held: Held| {
+        if structure.held == Some(held) { 0 } else { numerator + denominator }
+    };
     let wanted = dp
         + structure.feedforward_denominator
         + structure.feedback_denominator
         + np
-        + (structure.feedforward_numerator + structure.feedback_denominator)
-            .max(structure.feedback_numerator + structure.feedforward_denominator);
+        + degree(structure.feedforward_numerator, structure.feedback_denominator, Held::Feedforward).max(degree(
+            structure.feedback_numerator,
+            structure.feedforward_denominator,
+            Held::Feedback,
+        ));
     if found.lines.len() <= wanted {
         say(
             "few_lines",
@@ -65,7 +73,22 @@ pub(super) fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, positio
             ),
         );
     }
-    if position.feedback.gain == 0.0 {
+    if let Some(held) = structure.held {
+        let (left, loop_) = match held {
+            Held::Feedback => ("feedforward", "u = Gff r"),
+            Held::Feedforward => ("feedback", "u = Gfb (r − y)"),
+        };
+        say(
+            "controller_held_at_zero",
+            format!(
+                "the {} is held at zero by the spec, and the {left} takes all of the response ({loop_}): its \
+                 estimate is that of the hypothesis, and says nothing of whether it holds",
+                held.name()
+            ),
+        );
+    }
+    let is_free = structure.held.is_none();
+    if structure.held != Some(Held::Feedback) && position.feedback.gain == 0.0 {
         say(
             "zero_feedback",
             "the best candidate has no feedback at all; its feedback denominator means nothing".to_owned(),
@@ -79,7 +102,7 @@ pub(super) fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, positio
         judged.separation.map_or_else(|| "undefined".to_owned(), |s| format!("{s:.2e}")),
         judged.condition_number.map_or_else(|| "undefined".to_owned(), |c| format!("{c:.2e}")),
     );
-    if poor && position.feedback.gain != 0.0 {
+    if is_free && poor && position.feedback.gain != 0.0 {
         say(
             "feedback_poorly_determined",
             format!(
@@ -88,7 +111,7 @@ pub(super) fn findings(found: &Identified, recipe: &Recipe, pool: &Pool, positio
                  plant's input would separate them"
             ),
         );
-    } else {
+    } else if is_free {
         say(
             "feedback_from_structure",
             format!(

@@ -6,6 +6,7 @@
 //! `Q = 1/(Dfb + G Nfb)`: `∂G̃/∂Gff = G Dfb Q`, by the feedback numerator's coefficients `G (1 − G Gff) Dfb Q² xⁱ`, by
 //! the denominator's `−G (1 − G Gff) Nfb Q² xⁱ`; all are finite at a feedback pole.
 
+use super::held::Held;
 use super::problem::Problem;
 use crate::control::System;
 use crate::num::linalg;
@@ -26,7 +27,8 @@ pub struct Identifiability {
     pub condition_number: Option<f64>,
     /// Sine of the smallest angle between what a change of feedback does to the response and what a change of
     /// feedforward can do: 1 where they are unlike, 0 where feedforward can undo a change of feedback, so that the data
-    /// do not tell them apart. Null where the feedback is zero or there are more unknowns than equations.
+    /// do not tell them apart. Null where the feedback is zero, where a controller is held at zero, or where there are
+    /// more unknowns than equations.
     pub separation: Option<f64>,
 }
 
@@ -65,14 +67,29 @@ pub struct Structure {
     pub feedback_numerator: usize,
     /// Degree of the feedback denominator.
     pub feedback_denominator: usize,
+    /// The controller that is held at zero, whose degrees say nothing.
+    pub held: Option<Held>,
 }
 
 impl Structure {
     /// The number of free coefficients.
     #[must_use]
     pub fn unknowns(&self) -> usize {
+        self.feedforward_unknowns() + self.feedback_unknowns()
+    }
+
+    /// The free coefficients of the feedforward.
+    #[must_use]
+    pub fn feedforward_unknowns(&self) -> usize {
         let denominator = if self.feedforward_denominator_is_free { self.feedforward_denominator } else { 0 };
-        self.feedforward_numerator + 1 + denominator + self.feedback_numerator + 1 + self.feedback_denominator
+        if self.held == Some(Held::Feedforward) { 0 } else { self.feedforward_numerator + 1 + denominator }
+    }
+
+    /// The free coefficients of the feedback.
+    #[must_use]
+    pub fn feedback_unknowns(&self) -> usize {
+        let all = self.feedback_numerator + 1 + self.feedback_denominator;
+        if self.held == Some(Held::Feedback) { 0 } else { all }
     }
 }
 
@@ -114,10 +131,15 @@ pub fn judge(problem: &Problem, structure: Structure, feedforward: &System, feed
         factors[3].push(-by_feedback * n_fb[k]);
     }
     let free = if structure.feedforward_denominator_is_free { structure.feedforward_denominator } else { 0 };
-    let mut ff = powers(problem, &factors[0], structure.feedforward_numerator + 1);
-    ff.extend(powers(problem, &factors[1], free));
-    let mut fb = powers(problem, &factors[2], structure.feedback_numerator + 1);
-    fb.extend(powers(problem, &factors[3], structure.feedback_denominator));
+    let (mut ff, mut fb) = (Vec::new(), Vec::new());
+    if structure.held != Some(Held::Feedforward) {
+        ff.extend(powers(problem, &factors[0], structure.feedforward_numerator + 1));
+        ff.extend(powers(problem, &factors[1], free));
+    }
+    if structure.held != Some(Held::Feedback) {
+        fb.extend(powers(problem, &factors[2], structure.feedback_numerator + 1));
+        fb.extend(powers(problem, &factors[3], structure.feedback_denominator));
+    }
     if let Some(all) = ff.iter().chain(&fb).cloned().collect::<Option<Vec<_>>>()
         && let Ok(values) = linalg::singular_values(&matrix(&all))
         && let (Some(largest), Some(smallest)) = (values.first(), values.last())
@@ -127,7 +149,7 @@ pub fn judge(problem: &Problem, structure: Structure, feedforward: &System, feed
     }
     let ff: Vec<Vec<f64>> = ff.into_iter().flatten().collect();
     let fb: Option<Vec<Vec<f64>>> = fb.into_iter().collect();
-    if let Some(fb) = fb.filter(|_| !ff.is_empty()) {
+    if let Some(fb) = fb.filter(|fb| !ff.is_empty() && !fb.is_empty()) {
         let (own, other) = (matrix(&fb).qr().q(), matrix(&ff).qr().q());
         let apart = &own - &other * (other.transpose() * &own);
         judged.separation =
@@ -167,6 +189,7 @@ mod tests {
             feedforward_denominator: 1,
             feedback_numerator: 0,
             feedback_denominator: 1,
+            held: None,
         };
         // The example of section 2.6 is identifiable, as the thesis shows.
         let good =
@@ -188,6 +211,7 @@ mod tests {
             feedforward_denominator: 1,
             feedback_numerator: 0,
             feedback_denominator: 1,
+            held: None,
         };
         let none =
             judge_on(&tf(&[4.0], &[1.0, 2.0]), &tf(&[2.1, 3.0], &[1.0, 6.5]), &tf(&[0.0], &[1.0, 7.1]), structure);

@@ -7,6 +7,7 @@ pub mod delayed;
 pub mod equivalent;
 pub mod family;
 mod findings;
+pub mod held;
 pub mod identifiability;
 pub mod mimo;
 pub mod pool;

@@ -5,6 +5,7 @@
 //! and linear in the feedforward numerator.
 
 use super::basis::{Basis, TooFewLines};
+use super::held::Held;
 use super::time::Time;
 use crate::control::System;
 use num_complex::Complex64;
@@ -121,6 +122,18 @@ impl Problem {
         let omega: Vec<f64> = lines.used.iter().map(|line| line.omega_rad_s).collect();
         let basis = Basis::new(lines.time, numerator_degree, &omega)?;
         Ok(Self { time: lines.time, lines: lines.used.clone(), basis })
+    }
+
+    /// [`Problem::new`] with a controller held at zero: a feedforward that is has no numerator, whatever its degree.
+    ///
+    /// # Errors
+    /// [`TooFewLines`] where the lines do not determine the numerator.
+    pub fn holding(held: Option<Held>, lines: &Lines, numerator_degree: usize) -> Result<Self, TooFewLines> {
+        if held == Some(Held::Feedforward) {
+            let basis = Basis::none(lines.time);
+            return Ok(Self { time: lines.time, lines: lines.used.clone(), basis });
+        }
+        Self::new(lines, numerator_degree)
     }
 
     /// The same lines with the feedforward behind a pure delay (before a lead, where negative): `Gff e^{−jω delay}`.

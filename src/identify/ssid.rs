@@ -284,7 +284,7 @@ pub fn identify_searched(
     for line in &mut turned.used {
         line.plant *= Complex64::from_polar(1.0, -line.omega_rad_s * plant_delay_s);
     }
-    let problem = Problem::new(&turned, recipe.feedforward_numerator_degree)?;
+    let problem = Problem::holding(recipe.held, &turned, recipe.feedforward_numerator_degree)?;
     let structure = recipe.structure();
     let (equations, unknowns) = (identifiability::equations(&problem), structure.unknowns());
     if equations < unknowns {

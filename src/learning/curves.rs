@@ -44,6 +44,8 @@ pub enum Metric {
     NormFeedforwardPlantMinusOne,
     /// Share of the variance of y that the identified controllers explain in simulation.
     VarianceAccountedFor,
+    /// The log dimensionless jerk of u: greater is smoother, in trials of one command and length.
+    ControlLogDimensionlessJerk,
 }
 
 /// One trial of a curve.
@@ -114,6 +116,8 @@ pub struct Trends {
     pub norm_feedforward_plant_minus_one: Trend,
     /// Of the variance accounted for.
     pub variance_accounted_for: Trend,
+    /// Of the log dimensionless jerk of u, of those trials that have one.
+    pub control_log_dimensionless_jerk: Trend,
 }
 
 /// The curve of a subject on one plant.
@@ -242,6 +246,7 @@ pub(super) fn plant_curve(
         norm_feedforward_minus_inverse: of(Metric::NormFeedforwardMinusInverse),
         norm_feedforward_plant_minus_one: of(Metric::NormFeedforwardPlantMinusOne),
         variance_accounted_for: of(Metric::VarianceAccountedFor),
+        control_log_dimensionless_jerk: of(Metric::ControlLogDimensionlessJerk),
     };
     let left_out_count = left_out.len();
     let estimator = options.estimator;
@@ -305,6 +310,7 @@ impl CurvePoint {
             // A simulation that explains nothing has no share to average: how far below 0 it is says how fast it runs
             // away.
             Metric::VarianceAccountedFor => self.variance_accounted_for.filter(|share| *share >= 0.0),
+            Metric::ControlLogDimensionlessJerk => self.control_log_dimensionless_jerk,
         }
     }
 }

@@ -50,6 +50,8 @@ pub struct MetricStatistics {
     /// Of the variance accounted for, of those trials whose simulation explains any of it; the others are counted in
     /// `variance_not_explained`.
     pub variance_accounted_for: Statistics,
+    /// Of the log dimensionless jerk of u, of those trials that have one.
+    pub control_log_dimensionless_jerk: Statistics,
     /// How many simulations are worse than the mean of the signal (a negative share, which has no lower end), and of
     /// how many that can be said.
     #[serde(default)]
@@ -321,6 +323,7 @@ fn metric_statistics(points: &[&CurvePoint], trim: usize) -> MetricStatistics {
         norm_feedforward_minus_inverse: of(Metric::NormFeedforwardMinusInverse),
         norm_feedforward_plant_minus_one: of(Metric::NormFeedforwardPlantMinusOne),
         variance_accounted_for: of(Metric::VarianceAccountedFor),
+        control_log_dimensionless_jerk: of(Metric::ControlLogDimensionlessJerk),
         variance_not_explained: points
             .iter()
             .filter_map(|p| p.variance_accounted_for)

@@ -24,6 +24,7 @@ mod ssid_coverage;
 mod ssid_delayed;
 mod ssid_equivalent;
 mod ssid_examples;
+mod ssid_held;
 mod ssid_kept;
 mod ssid_mimo;
 mod ssid_mimo_random;

@@ -62,6 +62,7 @@ fn bands_from_recordings_hold_the_truth() {
         feedforward_denominator: 1,
         feedback_numerator: 0,
         feedback_denominator: 1,
+        held: None,
     };
     for (segments, size) in [(2_usize, 0.03), (4, 0.03)] {
         // A period before the first segment lets the start die away.

@@ -105,7 +105,7 @@ fn ends(range: &NormRange) -> [Extreme; 2] {
 }
 
 fn both(found: &EquivalentRanges) -> [[Extreme; 2]; 2] {
-    [ends(&found.feedback), ends(&found.feedforward_plant_minus_one)]
+    [&found.feedback, &found.feedforward_plant_minus_one].map(|range| ends(range.as_ref().unwrap()))
 }
 
 /// Every candidate, one after another, with transfer functions made here.
@@ -170,7 +170,7 @@ fn ranges_and_counts_are_those_of_brute_force_on_a_hundred_thinned_pools() {
         };
         let norms = Norms { plant: &case.plant, band: case.band };
         let Case { problem, pool, plant, .. } = &case;
-        let question = Question { problem, pool, plant, limit, best: optimum.index, norms: &norms };
+        let question = Question { problem, pool, plant, limit, best: optimum.index, norms: &norms, held: None };
         let (count, expected) = brute_force(&case, limit);
         assert!(count >= 1, "the best candidate is a member");
         let counted = share(&question, false, &ctl).unwrap();
@@ -200,7 +200,7 @@ fn whoever_stops_it_is_heard() {
     let ctl = Ctl::new();
     let norms = Norms { plant: &case.plant, band: case.band };
     let Case { problem, pool, plant, .. } = &case;
-    let question = Question { problem, pool, plant, limit: f64::MAX, best: 0, norms: &norms };
+    let question = Question { problem, pool, plant, limit: f64::MAX, best: 0, norms: &norms, held: None };
     ctl.stop(StopReason::Cancelled);
     assert_eq!(ranges(&question, None, &ctl).unwrap_err().0, StopReason::Cancelled);
     assert_eq!(share(&question, true, &ctl).unwrap_err().0, StopReason::Cancelled);
@@ -215,6 +215,7 @@ fn the_threshold_is_that_of_the_f_distribution() {
         feedforward_denominator: 2,
         feedback_numerator: 1,
         feedback_denominator: 2,
+        held: None,
     };
     let plant = System::Continuous(TransferFunction::new(&[2.0, 4.4], &[1.0, 3.6, 4.0], Continuous).unwrap());
     let problem = |lines: u32, h: f64| {
@@ -283,7 +284,7 @@ fn a_report_says_first_that_the_command_does_not_determine_the_feedback() {
     let best = report.result["metrics"]["norm_feedback"].as_f64().unwrap();
     let ends = ["least", "largest"].map(|end| set["norm_feedback"][end]["norm"].as_f64().unwrap());
     assert!(ends[0] <= best && best <= ends[1] && ends[0] < ends[1], "{ends:?} {best}");
-    assert_eq!(report.schema, "volition.ssid/6");
+    assert_eq!(report.schema, "volition.ssid/7");
 
     // Good data determine it, and nothing is said.
     let report = run(&request(1e-4, 13, json!("counted")));

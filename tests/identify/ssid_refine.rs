@@ -20,6 +20,7 @@ fn the_refined_costs_of_chapter_3_are_reached_or_passed() {
         feedforward_denominator: 2,
         feedback_numerator: 1,
         feedback_denominator: 2,
+        held: None,
     };
     for case in golden["cases"].as_array().unwrap() {
         let what = case["case"].as_str().unwrap();

@@ -414,3 +414,42 @@ fn people_are_compared_on_the_plant_they_share() {
     assert_eq!(plants(&found), [("p".to_owned(), "q".to_owned())]);
     assert!(codes(&found).contains(&"groups_differ_in_plant"));
 }
+
+/// The smoothness of the control is compared as any metric: a person without it counts as without a value.
+#[test]
+fn smoothness_is_a_metric_like_any_other() {
+    let mut random = stream(11, "smoothness");
+    let mut subjects = study(6, 8, 0.0);
+    for subject in &mut subjects {
+        let rougher = if subject.group.as_deref() == Some("b") { 2.0 } else { 0.0 };
+        for (k, trial) in subject.trials.iter_mut().enumerate() {
+            let practice = 3.0 * (1.0 - (-(k as f64) / 3.0).exp());
+            let jerk = -25.0 + practice - rougher + 0.1 * normal(&mut random);
+            trial.metrics.control_log_dimensionless_jerk = Some(jerk);
+        }
+    }
+    subjects[0].trials[3].metrics.control_log_dimensionless_jerk = None;
+    let metrics = vec![Metric::ControlLogDimensionlessJerk];
+    let found = compare(&subjects, &ComparisonOptions { metrics, ..ComparisonOptions::default() }).unwrap();
+    let pair = &found.pairs[0].metrics[0];
+    assert_eq!(pair.metric, Metric::ControlLogDimensionlessJerk);
+    let last = pair.contrasts.iter().find(|c| c.contrast == Contrast::Last).unwrap();
+    let [low, high] = last.difference.as_ref().unwrap().interval95;
+    assert!(low < -2.0 && -2.0 < high && high < -1.0, "{last:?}");
+    let [low, high] = last.permutation.as_ref().unwrap().interval95.unwrap();
+    assert!(low < -2.0 && -2.0 < high && high < -1.0, "{last:?}");
+    assert_eq!(found.groups[0].metrics[0].people[0].without_value, 1);
+    let sentence =
+        found.findings.iter().find(|s| s.contains("less a on lag, log dimensionless jerk of u, at trial 8")).unwrap();
+    assert!(sentence.contains("the groups differ, a on lag being higher"), "{sentence}");
+    assert!(codes(&found).contains(&"jerk_depends_on_duration"), "{:?}", found.remarks);
+    // Nobody hears of it who did not ask.
+    let others = compare(&subjects, &options()).unwrap();
+    assert!(!codes(&others).contains(&"jerk_depends_on_duration"));
+    // Trials of which nobody computed it give no group, and no number.
+    let none = compare(
+        &study(6, 8, 0.0),
+        &ComparisonOptions { metrics: vec![Metric::ControlLogDimensionlessJerk], ..ComparisonOptions::default() },
+    );
+    assert!(none.unwrap().groups.iter().all(|group| group.metrics.is_empty()));
+}

@@ -74,6 +74,9 @@ fn pool_problem(pool: &PoolError, error: &SsidError) -> Problem {
                  factor; if it is, no person can hold it by what y shows, and the model of the plant is wrong.",
             )
         }
+        PoolError::UnstablePlant => new(Code::NotIdentifiable, "no stable loop without feedback")
+            .at("/spec/held_at_zero")
+            .mend("Leave the feedback free: nobody keeps such a plant without it. Or lower the stability margin."),
         PoolError::NoConvergence(_) => new(Code::Numerical, "no plant poles").at("/inputs"),
         PoolError::NoFeedforward(_) | PoolError::NoFeedback(_) => new(Code::NotIdentifiable, "no stable candidate")
             .at("/spec/pool")

@@ -4,6 +4,7 @@ use crate::analysis::report::Warning;
 use crate::control::{Model, System};
 use crate::ctl::{Ctl, Stopped};
 use crate::identify::equivalent::{self as identify, Asked, NoSet, equivalent_set};
+use crate::identify::held::Held;
 use crate::identify::search::{BandNorms, ExtremeMember, LEVEL, NormRange};
 use crate::identify::ssid::{Identified, Searched};
 use crate::learning::frequency_domain::{norm_feedback, norm_feedforward_plant_minus_one};
@@ -85,11 +86,11 @@ pub struct EquivalentSet {
     /// counted.
     pub draws: u64,
     /// Of ‖Gfb‖ over the band of `metrics`, of all members, by branch and bound over the whole pool; null where it was
-    /// not looked for.
+    /// not looked for, and where the feedback is held at zero.
     pub norm_feedback: Option<EquivalentRange>,
-    /// Of ‖Gff G − 1‖ over the band of `metrics`, likewise.
+    /// Of ‖Gff G − 1‖ over the band of `metrics`, likewise; null where the feedforward is held at zero.
     pub norm_feedforward_plant_minus_one: Option<EquivalentRange>,
-    /// Why there are no ranges; null where there are.
+    /// Why a range is null; null where none is.
     pub norms_reason: Option<String>,
 }
 
@@ -149,7 +150,9 @@ impl EquivalentSet {
             (Some(feedback), Some(distance)) => {
                 format!(", with {} and {}", feedback.text("‖Gfb‖"), distance.text("‖Gff G − 1‖"))
             }
-            _ => String::new(),
+            (Some(feedback), None) => format!(", with {}", feedback.text("‖Gfb‖")),
+            (None, Some(distance)) => format!(", with {}", distance.text("‖Gff G − 1‖")),
+            (None, None) => String::new(),
         }
     }
 
@@ -189,8 +192,9 @@ pub(super) fn find(
     let asked = Asked { ranges: is_asked || found.pool_size <= RANGED, count: spec == EquivalentSpec::Counted };
     match equivalent_set(found, searched, &norms, asked, ctl) {
         Ok(set) => {
-            let set = EquivalentSet::from(&set);
-            if let Some(warning) = set.warning(found.pool_size) {
+            let set = EquivalentSet::new(&set, searched.structure.held);
+            let is_about_feedback = searched.structure.held != Some(Held::Feedback);
+            if let Some(warning) = set.warning(found.pool_size).filter(|_| is_about_feedback) {
                 warnings.insert(0, warning);
             }
             Ok(Ok(set))
@@ -200,9 +204,22 @@ pub(super) fn find(
     }
 }
 
-impl From<&identify::EquivalentSet> for EquivalentSet {
-    fn from(set: &identify::EquivalentSet) -> Self {
+impl EquivalentSet {
+    /// With the controller that is held at zero.
+    fn new(set: &identify::EquivalentSet, held: Option<Held>) -> Self {
         let identify::EquivalentSet { threshold, share, ranges } = set;
+        let norms_reason = match (ranges, held) {
+            (None, _) => Some(format!(
+                "in pools of more than {RANGED} candidates ranges are looked for with \"equivalent\": \"ranges\""
+            )),
+            (Some(_), Some(Held::Feedback)) => {
+                Some("the feedback is held at zero: ‖Gfb‖ is 0 of every member".to_owned())
+            }
+            (Some(_), Some(Held::Feedforward)) => {
+                Some("the feedforward is held at zero: ‖Gff G − 1‖ is 1 of every member".to_owned())
+            }
+            (Some(_), None) => None,
+        };
         Self {
             level: LEVEL,
             cost_ratio: threshold.ratio,
@@ -213,13 +230,12 @@ impl From<&identify::EquivalentSet> for EquivalentSet {
             share: share.share,
             share_interval: share.interval,
             draws: share.draws,
-            norm_feedback: ranges.as_ref().map(|ranges| (&ranges.feedback).into()),
-            norm_feedforward_plant_minus_one: ranges.as_ref().map(|r| (&r.feedforward_plant_minus_one).into()),
-            norms_reason: ranges.is_none().then(|| {
-                format!(
-                    "in pools of more than {RANGED} candidates ranges are looked for with \"equivalent\": \"ranges\""
-                )
-            }),
+            norm_feedback: ranges.as_ref().and_then(|r| r.feedback.as_ref()).map(Into::into),
+            norm_feedforward_plant_minus_one: ranges
+                .as_ref()
+                .and_then(|r| r.feedforward_plant_minus_one.as_ref())
+                .map(Into::into),
+            norms_reason,
         }
     }
 }

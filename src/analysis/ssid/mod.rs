@@ -9,9 +9,13 @@ mod delay_spec;
 mod delayed;
 mod equivalent;
 mod family;
+mod held;
 mod inputs;
 mod refined;
+mod restricted_fit;
+mod restrictions;
 mod result;
+mod shares;
 mod spec;
 mod structures;
 
@@ -29,6 +33,7 @@ use super::problem::{Code, Problem};
 use super::report::{Effort, Warning};
 use crate::control::{System, TransferFunction};
 use crate::ctl::{Ctl, Phase};
+use crate::identify::held::Held;
 use crate::identify::refine::{Delay, Delays, Refined};
 use crate::identify::search::Automatic;
 use crate::identify::ssid::{Identified, Settings, SsidError, Weights, identify_searched};
@@ -43,7 +48,10 @@ pub use family::{FamilySpread, NearCandidate, NearOptimal, SpreadAtLine};
 pub use inputs::{SsidInputs, SsidResponses};
 pub use refined::{BootstrapSpec, RefinedResult, RefinementStop};
 use refined::{KnownNoise, Questions};
+pub use restricted_fit::RestrictedFit;
+use restrictions::Comparison;
 pub use result::{Certificate, Fit, HeldOut, SimulatedVafResult, SsidResult, Stability, TrialVaf};
+use shares::{DATA, Shares};
 use spec::CheckedSpec;
 pub use spec::SsidSpec;
 pub use structures::{Likelihood, StructureComparison, StructureRow, StructureSpec};
@@ -80,7 +88,7 @@ impl Analysis for Plan {
                                    candidates whose loop is stable, with its certificate, the candidates that fit \
                                    nearly as well, and a refinement with bands (Zhang 2015, algorithms 2.1, 3.1 and \
                                    5.1).";
-    const RESULT_VERSION: u32 = 6;
+    const RESULT_VERSION: u32 = 7;
     const EXAMPLE: &'static str = include_str!("example.json");
 
     type Inputs = SsidInputs;
@@ -119,7 +127,7 @@ impl Analysis for Plan {
             max_candidates: self.spec.max_candidates,
         };
         let search = Automatic { method: self.spec.search, pools: &*library.pools };
-        let shares = self.shares();
+        let shares = Shares::of(&self.spec);
         let in_search = ctl.scope(shares.search);
         let (found, searched) =
             identify_searched(&plant, plant_delay_s, &data, &settings, &search, ctl).map_err(|error| match error {
@@ -172,9 +180,11 @@ impl Analysis for Plan {
             refined: None,
         });
         if self.spec.refine {
-            // The plant's delay is one of both controllers to whatever comes after them.
+            // The plant's delay is one of both controllers to whatever comes after them; of a feedback that is none,
+            // there is none.
+            let of_feedback = if used.held_at_zero == Some(Held::Feedback) { 0.0 } else { found.plant_delay_s };
             let own_delays = (found.plant_delay_s > 0.0).then(|| Delays {
-                feedback: Delay::Grid(vec![found.plant_delay_s]),
+                feedback: Delay::Grid(vec![of_feedback]),
                 feedforward: Delay::Grid(vec![found.plant_delay_s]),
             });
             let questions = Questions {
@@ -232,6 +242,21 @@ impl Analysis for Plan {
             structures::warn(&compared, degrees, &mut warnings);
             result.structures = Some(compared);
         }
+        if !self.spec.restrictions.is_empty() {
+            let _restricting = ctl.scope(shares.restrictions);
+            let comparison = Comparison {
+                spec: &self.spec,
+                plant: &plant,
+                data: &data,
+                settings: &settings,
+                full: &found,
+                refined_cost: result.refined.as_ref().map(|refined| refined.cost),
+                pools: &*library.pools,
+            };
+            let fits = comparison.fits(ctl)?;
+            restricted_fit::warn(&fits, &mut warnings);
+            result.restrictions = Some(fits);
+        }
         let effort = Effort {
             pairs_bounded: found.optimum.bounded,
             candidates_evaluated: found.optimum.evaluated,
@@ -241,39 +266,7 @@ impl Analysis for Plan {
     }
 }
 
-/// The share of the time that frequency data take.
-const DATA: f64 = 0.02;
-
-/// How the time is shared out, about.
-struct Shares {
-    search: f64,
-    equivalent: f64,
-    delays: f64,
-    refinement: f64,
-    structures: f64,
-}
-
 impl Plan {
-    /// By what is asked for: searches take about as long as each other, a refinement little beside them, and every draw
-    /// of a bootstrap as much as a refinement.
-    fn shares(&self) -> Shares {
-        let used = &self.spec.used;
-        let delays = used.delay.as_ref().map_or(0, |delays| delays.pairs().len()) as f64;
-        let draws = used.bootstrap.map_or(0, |bootstrap| bootstrap.draws) as f64;
-        let refinement = if self.spec.refine { 0.02 * (1.0 + draws) } else { 0.0 };
-        let structures = self.spec.structures.len() as f64;
-        let equivalent = if used.equivalent == Some(EquivalentSpec::None) { 0.0 } else { 1.0 };
-        let whole = 1.0 + equivalent + delays + refinement + structures;
-        let share = |part: f64| (1.0 - DATA) * part / whole;
-        Shares {
-            search: share(1.0),
-            equivalent: share(equivalent),
-            delays: share(delays),
-            refinement: share(refinement),
-            structures: share(structures),
-        }
-    }
-
     fn material(&self, library: &Library, ctl: &Ctl) -> Result<Material, Failure> {
         match &self.inputs {
             TrialsOrResponses::Responses(PlantAndResponses { plant, frequency_response: data }) => {
@@ -332,7 +325,11 @@ impl Plan {
             return Ok(());
         }
         let used = &self.spec.used;
-        for (is_asked, at) in [(used.delay.is_some(), "/spec/delay"), (used.structures.is_some(), "/spec/structures")] {
+        for (is_asked, at) in [
+            (used.delay.is_some(), "/spec/delay"),
+            (used.structures.is_some(), "/spec/structures"),
+            (used.restrictions.is_some(), "/spec/restrictions"),
+        ] {
             if is_asked {
                 let detail = format!("the plant has a delay of {delay_s} s itself, which this is not computed with");
                 return Err(Problem::new(Code::Invalid, "delays of plant and person", detail).at(at).mend(

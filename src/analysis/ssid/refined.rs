@@ -160,7 +160,7 @@ pub(super) struct Questions<'a> {
 pub(super) fn problem_of(found: &Identified, structure: Structure) -> Result<Problem, String> {
     let used = found.lines.iter().map(|(line, _)| *line).collect();
     let lines = Lines { time: Time::of(&found.plant), used, dropped: Vec::new() };
-    Problem::new(&lines, structure.feedforward_numerator).map_err(|error| error.to_string())
+    Problem::holding(structure.held, &lines, structure.feedforward_numerator).map_err(|error| error.to_string())
 }
 
 /// Refines what was identified; the text says why there is no refinement.

@@ -4,6 +4,7 @@ use super::delayed::DelayedPool;
 use super::equivalent::EquivalentSet;
 use super::family::NearOptimal;
 use super::refined::RefinedResult;
+use super::restricted_fit::RestrictedFit;
 use super::structures::StructureComparison;
 use crate::control::Model;
 use crate::identify::identifiability::Identifiability;
@@ -143,6 +144,9 @@ pub struct SsidResult {
     pub held_out: Option<HeldOut>,
     /// Structures compared; null where the spec lists none.
     pub structures: Option<StructureComparison>,
+    /// Fits with a controller held at zero; null where the spec lists none.
+    #[serde(default)]
+    pub restrictions: Option<Vec<RestrictedFit>>,
 }
 
 /// Simulation on trials that were not fitted.
@@ -230,6 +234,7 @@ impl SsidResult {
             refined_reason: None,
             held_out: None,
             structures: None,
+            restrictions: None,
         }
     }
 }

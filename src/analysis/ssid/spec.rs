@@ -2,6 +2,7 @@
 
 use super::delay_spec::DelaySpec;
 use super::equivalent::EquivalentSpec;
+use super::held::{self, holding};
 use super::inputs::several_channels;
 use super::refined::{BootstrapSpec, MAX_DRAWS};
 use super::structures::{MAX_STRUCTURES, StructureSpec};
@@ -9,6 +10,7 @@ use crate::analysis::contract::Part;
 use crate::analysis::inputs::frequency_problem;
 use crate::analysis::problem::{Code, Problem};
 use crate::analysis::reading::wrong_spec as wrong;
+use crate::identify::held::Held;
 use crate::identify::pool::{Degrees, PoolName, PoolSpec, PoolSpecError, Recipe};
 use crate::identify::refine::Delays;
 use crate::identify::search::Method;
@@ -41,6 +43,14 @@ pub struct SsidSpec {
     /// Degree of the feedback denominator. Default: by the pool.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub feedback_denominator_degree: Option<usize>,
+    /// The controller that is held at zero, for the fit of a person without feedback or without feedforward: its
+    /// degrees must be absent, and its part of the pool is not looked at. Default: none is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub held_at_zero: Option<Held>,
+    /// Controllers that are held at zero, each in a fit of its own that is compared with the one of both. Default:
+    /// none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub restrictions: Option<Vec<Held>>,
     /// How frequency data are made from trials. Default: as Zhang 2015 does for the named pools (`zhang2015_chapter_3`
     /// with appendix B, `zhang2015_chapter_5` with appendix C), the excited lines for others. Must be absent with
     /// frequency data.
@@ -101,6 +111,8 @@ pub(super) struct CheckedSpec {
     pub delays: Option<Delays>,
     /// The pools of the structures to compare.
     pub structures: Vec<Recipe>,
+    /// The controllers to hold at zero, one after the other.
+    pub restrictions: Vec<Held>,
     /// How lines are weighted.
     pub weights: Weights,
     /// How the best candidate is found.
@@ -125,14 +137,16 @@ impl CheckedSpec {
             return Err(wrong("there is no pool of candidates", "/spec")
                 .mend("Add \"pool\": \"zhang2015_appendix_b\", \"zhang2015_appendix_c\", or a grid of one's own."));
         };
-        let recipe = pool
-            .check(Degrees {
-                feedforward_numerator: written.feedforward_numerator_degree,
-                feedforward_denominator: written.feedforward_denominator_degree,
-                feedback_numerator: written.feedback_numerator_degree,
-                feedback_denominator: written.feedback_denominator_degree,
-            })
-            .map_err(|error| pool_problem(&error))?;
+        let held_at_zero = written.held_at_zero;
+        let degrees = Degrees {
+            feedforward_numerator: written.feedforward_numerator_degree,
+            feedforward_denominator: written.feedforward_denominator_degree,
+            feedback_numerator: written.feedback_numerator_degree,
+            feedback_denominator: written.feedback_denominator_degree,
+        };
+        held::refuse_degrees(held_at_zero, degrees, "/spec")?;
+        let recipe =
+            pool.check(degrees).map(|recipe| holding(recipe, held_at_zero)).map_err(|error| pool_problem(&error))?;
         let name = match &pool {
             PoolSpec::Name(name) => Some(*name),
             PoolSpec::Thinned(thinned) => Some(thinned.name),
@@ -192,6 +206,11 @@ impl CheckedSpec {
             return Err(wrong("delays belong to the refinement, and there is none", "/spec/delay")
                 .mend("Leave them out, or set refine to true."));
         }
+        if let Some(delays) = &delays {
+            held::refuse_delay(held_at_zero, delays)?;
+        }
+        let restrictions = written.restrictions.clone();
+        held::check_restrictions(restrictions.as_deref(), held_at_zero, delays.is_some())?;
         let structure = recipe.structure();
         let listed = written.structures.as_deref().unwrap_or_default();
         if written.structures.is_some() && (listed.is_empty() || listed.len() > MAX_STRUCTURES) {
@@ -206,16 +225,21 @@ impl CheckedSpec {
                 feedback_numerator: own.feedback_numerator_degree.or(written.feedback_numerator_degree),
                 feedback_denominator: own.feedback_denominator_degree.or(written.feedback_denominator_degree),
             };
-            structures
-                .push(pool.check(degrees).map_err(|error| pool_problem(&error).at(format!("/spec/structures/{i}")))?);
+            held::refuse_degrees(held_at_zero, degrees, &format!("/spec/structures/{i}"))?;
+            let checked = pool.check(degrees).map(|recipe| holding(recipe, held_at_zero));
+            structures.push(checked.map_err(|error| pool_problem(&error).at(format!("/spec/structures/{i}")))?);
         }
         let weights = written.weights.unwrap_or_default();
+        let restricted = restrictions.clone().unwrap_or_default();
+        let of = |controller: Held, degree: usize| (held_at_zero != Some(controller)).then_some(degree);
         let used = SsidSpec {
             pool: Some(pool),
-            feedforward_numerator_degree: Some(structure.feedforward_numerator),
-            feedforward_denominator_degree: Some(structure.feedforward_denominator),
-            feedback_numerator_degree: Some(structure.feedback_numerator),
-            feedback_denominator_degree: Some(structure.feedback_denominator),
+            feedforward_numerator_degree: of(Held::Feedforward, structure.feedforward_numerator),
+            feedforward_denominator_degree: of(Held::Feedforward, structure.feedforward_denominator),
+            feedback_numerator_degree: of(Held::Feedback, structure.feedback_numerator),
+            feedback_denominator_degree: of(Held::Feedback, structure.feedback_denominator),
+            held_at_zero,
+            restrictions,
             frequency: frequency.as_ref().map(|f| f.settings().clone()),
             weights: Some(weights),
             search: Some(search),
@@ -228,6 +252,17 @@ impl CheckedSpec {
             equivalent: Some(written.equivalent.unwrap_or_default()),
             structures: written.structures,
         };
-        Ok(Self { used, recipe, frequency, delays, structures, weights, search, max_candidates, refine })
+        Ok(Self {
+            used,
+            recipe,
+            frequency,
+            delays,
+            structures,
+            restrictions: restricted,
+            weights,
+            search,
+            max_candidates,
+            refine,
+        })
     }
 }

@@ -79,7 +79,10 @@ fn true_mean(group: &GroupCurve, at: &GroupPoint, metric: Metric, truth: &Truth)
                 Metric::NormFeedback => norms.norm_feedback,
                 Metric::NormFeedforwardMinusInverse => norms.norm_feedforward_minus_inverse,
                 Metric::NormFeedforwardPlantMinusOne => norms.norm_feedforward_plant_minus_one,
-                Metric::MeanAbsError | Metric::RmsError | Metric::VarianceAccountedFor => None,
+                Metric::MeanAbsError
+                | Metric::RmsError
+                | Metric::VarianceAccountedFor
+                | Metric::ControlLogDimensionlessJerk => None,
             }
         })
         .collect();
@@ -113,6 +116,7 @@ fn of(point: &GroupPoint, metric: Metric) -> &Statistics {
         Metric::NormFeedforwardMinusInverse => &m.norm_feedforward_minus_inverse,
         Metric::NormFeedforwardPlantMinusOne => &m.norm_feedforward_plant_minus_one,
         Metric::VarianceAccountedFor => &m.variance_accounted_for,
+        Metric::ControlLogDimensionlessJerk => &m.control_log_dimensionless_jerk,
     }
 }
 

@@ -11,6 +11,7 @@ use super::unfold::refuse;
 use super::{Pool, Position};
 use crate::control::System;
 use crate::ctl::{Ctl, Stopped};
+use crate::identify::held::Held;
 use crate::identify::identifiability::Structure;
 use crate::identify::time::{Region, Time};
 use crate::num::linalg::NoConvergence;
@@ -165,6 +166,8 @@ pub struct Recipe {
     pub band_rad_s: Option<[f64; 2]>,
     /// Stability margin in 1/s.
     pub margin: f64,
+    /// The controller that is held at zero, see [`Recipe::holding`].
+    pub held: Option<Held>,
 }
 
 /// Why a recipe and a plant make no pool.
@@ -262,6 +265,9 @@ pub enum PoolError {
     /// No feedforward denominator is stable within the margin.
     #[error("none of the {0} feedforward denominators is stable within the margin")]
     NoFeedforward(usize),
+    /// The plant alone, which a loop without feedback is, is not stable within the margin.
+    #[error("the plant alone is not stable within the margin, and so no loop is without feedback")]
+    UnstablePlant,
     /// No feedback controller makes the loop stable within the margin.
     #[error(
         "none of the {0} combinations of feedback denominator, numerator and gain makes the loop stable within the \
@@ -295,6 +301,29 @@ impl Recipe {
         Ok(self)
     }
 
+    /// The same pool with a controller held at zero, of whose lists the one that is zero is left.
+    #[must_use]
+    pub fn holding(self, held: Held) -> Self {
+        match held {
+            Held::Feedback => Self {
+                feedback_numerators: Ingredients::Power(0),
+                feedback_denominators: Ingredients::Power(0),
+                gains: Vec::new(),
+                zero_gain: true,
+                band_rad_s: None,
+                held: Some(held),
+                ..self
+            },
+            Held::Feedforward => Self {
+                feedforward: Ingredients::Power(0),
+                feedforward_numerator_degree: 0,
+                feedforward_denominator_degree: 0,
+                held: Some(held),
+                ..self
+            },
+        }
+    }
+
     /// The degrees of the controllers.
     #[must_use]
     pub fn structure(&self) -> Structure {
@@ -304,6 +333,7 @@ impl Recipe {
             feedforward_denominator: self.feedforward_denominator_degree,
             feedback_numerator: self.feedback_numerators.degree(),
             feedback_denominator: self.feedback_denominators.degree(),
+            held: self.held,
         }
     }
 
@@ -373,7 +403,8 @@ impl Recipe {
         }
         let (np, dp) = (num.degree(), den.degree());
         let (nfb, dfb) = (self.feedback_numerators.degree(), self.feedback_denominators.degree());
-        if dp + dfb <= np + nfb {
+        // Without feedback there is no loop that could be improper.
+        if self.held != Some(Held::Feedback) && dp + dfb <= np + nfb {
             return Err(PoolError::NotStrictlyProper {
                 plant_numerator: np,
                 plant_denominator: dp,
@@ -448,6 +479,9 @@ impl Recipe {
         let plant = MappedPlant { denominator: mapped(den), numerator: mapped(num), padding };
         let feedback = FeedbackTable::new(lists, plant, counts, ctl)?;
         if feedback.is_empty() {
+            if self.held == Some(Held::Feedback) {
+                return Err(PoolError::UnstablePlant);
+            }
             return Err(PoolError::NoFeedback(combinations));
         }
         let size = feedback.len().checked_mul(feedforward.len() as u64).ok_or(PoolError::Overflow)?;

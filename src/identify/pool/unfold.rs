@@ -293,6 +293,7 @@ fn named(name: PoolName, thin: Thin, degrees: Degrees) -> Result<Recipe, PoolSpe
                 zero_gain: true,
                 band_rad_s: Some([0.2 * pi, 0.8 * pi]),
                 margin: 0.1,
+                held: None,
             }
         }
         PoolName::Zhang2015AppendixC => {
@@ -316,6 +317,7 @@ fn named(name: PoolName, thin: Thin, degrees: Degrees) -> Result<Recipe, PoolSpe
                 zero_gain: true,
                 band_rad_s: Some([0.0, pi]),
                 margin: 0.1,
+                held: None,
             }
         }
     };
@@ -366,6 +368,7 @@ fn grid(pool: &GridPool, degrees: Degrees) -> Result<Recipe, PoolSpecError> {
         zero_gain: false,
         band_rad_s: None,
         margin: margin_checked(pool.stability_margin)?,
+        held: None,
     }
     .checked()
 }
@@ -425,6 +428,7 @@ fn roots(pool: &RootsPool, degrees: Degrees) -> Result<Recipe, PoolSpecError> {
         zero_gain,
         band_rad_s: Some([low, high]),
         margin: margin_checked(pool.stability_margin)?,
+        held: None,
     }
     .checked()
 }

@@ -17,6 +17,7 @@ use super::refinement::Refinement;
 use super::setup::{RefineError, Setup, Start};
 use super::uncertainty::Noise;
 use crate::ctl::{Ctl, Stopped};
+use crate::identify::identifiability::Structure;
 use crate::identify::problem::{Line, Lines, Problem};
 use crate::num::least_squares::{self, LeastSquaresError, Options};
 use crate::response::Fold;
@@ -88,7 +89,7 @@ impl Refinement<'_> {
 
     /// Coefficients, the feedforward numerator's included.
     fn unknowns(&self) -> usize {
-        self.setup.structure.feedforward_numerator + 1 + self.projection.unknowns.len()
+        self.projection.numerator_size() + self.projection.unknowns.len()
     }
 
     fn repeats_left_out(&self, folds: &[Fold], ctl: &Ctl) -> Result<Option<f64>, Stopped> {
@@ -107,7 +108,8 @@ impl Refinement<'_> {
             let Some(positions) = own.iter().map(at).collect::<Option<Vec<usize>>>() else { return Ok(None) };
             let used = own.iter().zip(&positions).map(|(line, i)| Line { response: fold.rest[*i], ..*line }).collect();
             let lines = Lines { time: self.setup.problem.time(), used, dropped: Vec::new() };
-            let Ok(problem) = Problem::new(&lines, self.setup.structure.feedforward_numerator) else { return Ok(None) };
+            let Structure { held, feedforward_numerator, .. } = self.setup.structure;
+            let Ok(problem) = Problem::holding(held, &lines, feedforward_numerator) else { return Ok(None) };
             let model = match Refinement::new(Setup { problem: &problem, ..self.setup }, &start, ctl) {
                 Err(RefineError::Stopped(stopped)) => return Err(stopped),
                 Err(_) => return Ok(None),
@@ -152,7 +154,6 @@ impl Refinement<'_> {
 mod tests {
     use super::*;
     use crate::control::{Continuous, System, TransferFunction};
-    use crate::identify::identifiability::Structure;
     use crate::num::rng;
     use num_complex::Complex64;
     use rand_distr::{Distribution, StandardNormal};
@@ -204,6 +205,7 @@ mod tests {
                         feedforward_denominator: *denominator,
                         feedback_numerator: 0,
                         feedback_denominator: 1,
+                        held: None,
                     };
                     let problem = Problem::new(&Lines::new(&plant, &omega, &h, Some(&weights)), *numerator).unwrap();
                     let setup = Setup { problem: &problem, plant: &plant, structure, margin_per_s: 0.0 };

@@ -26,6 +26,8 @@ pub(super) struct Layout {
     pub feedforward_degree: usize,
     /// Whether it is free (not of an FIR filter).
     pub feedforward_is_free: bool,
+    /// Whether there is a feedback; one that is held at zero has no unknowns.
+    pub has_feedback: bool,
     /// Degree of the feedback numerator.
     pub feedback_numerator: usize,
     /// Degree of the feedback denominator.
@@ -97,8 +99,10 @@ impl Layout {
         if self.feedforward_is_free {
             unknowns.extend((0..self.feedforward_degree).rev().map(Unknown::FeedforwardDenominator));
         }
-        unknowns.extend((0..=self.feedback_numerator).rev().map(Unknown::FeedbackNumerator));
-        unknowns.extend((0..self.feedback_denominator).rev().map(Unknown::FeedbackDenominator));
+        if self.has_feedback {
+            unknowns.extend((0..=self.feedback_numerator).rev().map(Unknown::FeedbackNumerator));
+            unknowns.extend((0..self.feedback_denominator).rev().map(Unknown::FeedbackDenominator));
+        }
         unknowns.extend(self.feedback_delay_is_free.then_some(Unknown::FeedbackDelay));
         unknowns.extend(self.feedforward_delay_is_free.then_some(Unknown::FeedforwardDelay));
         unknowns
@@ -220,6 +224,11 @@ impl<'a> Projection<'a> {
         }
     }
 
+    /// Coefficients of the feedforward numerator: none where the feedforward is held at zero.
+    pub(super) fn numerator_size(&self) -> usize {
+        self.basis.first().map_or(0, Vec::len)
+    }
+
     /// Basis functions of the numerator at a line.
     pub(super) fn basis_at(&self, line: usize) -> &[Complex64] {
         &self.basis[line]
@@ -236,8 +245,8 @@ impl<'a> Projection<'a> {
         let monic = |low: Vec<f64>| [vec![1.0], low].concat();
         Parts {
             feedforward_denominator: layout.feedforward_is_free.then(|| monic(take(layout.feedforward_degree))),
-            feedback_numerator: take(layout.feedback_numerator + 1),
-            feedback_denominator: monic(take(layout.feedback_denominator)),
+            feedback_numerator: if layout.has_feedback { take(layout.feedback_numerator + 1) } else { vec![0.0] },
+            feedback_denominator: monic(if layout.has_feedback { take(layout.feedback_denominator) } else { vec![] }),
             feedback_delay: if layout.feedback_delay_is_free { take(1)[0] } else { self.fixed_feedback_delay },
             feedforward_delay: if layout.feedforward_delay_is_free { take(1)[0] } else { self.fixed_feedforward_delay },
         }
@@ -329,7 +338,7 @@ impl<'a> Projection<'a> {
     pub(super) fn point(&self, phi: &[f64]) -> Option<Point> {
         let parts = self.parts(phi);
         let lines = self.problem.lines().len();
-        let size = self.basis.first().map_or(0, Vec::len);
+        let size = self.numerator_size();
         let values: Vec<Values> = (0..lines).map(|k| self.values(&parts, k)).collect();
         let model: Vec<(Complex64, Complex64)> = (0..lines).map(|k| self.model(&values[k], k)).collect();
         let roots: Vec<f64> = self.weight.iter().map(|w| w.sqrt()).collect();
@@ -340,6 +349,11 @@ impl<'a> Projection<'a> {
         let b = stacked(lines, |k| roots[k] * (self.response[k] - model[k].1));
         if a.iter().chain(b.iter()).any(|v| !v.is_finite()) {
             return None;
+        }
+        if size == 0 {
+            // Nothing to project out: the feedforward is held at zero.
+            let (q, r) = (DMatrix::zeros(2 * lines, 0), DMatrix::zeros(0, 0));
+            return Some(Point { beta: DVector::zeros(0), residuals: -b, a, q, r, values });
         }
         let qr = a.clone().qr();
         let (q, r) = (qr.q(), qr.r());
@@ -375,6 +389,10 @@ impl<'a> Projection<'a> {
         let mut jacobian = DMatrix::zeros(point.residuals.len(), self.unknowns.len());
         for (j, unknown) in self.unknowns.iter().enumerate() {
             let (da, change) = self.columns(point, *unknown);
+            if point.beta.is_empty() {
+                jacobian.set_column(j, &change);
+                continue;
+            }
             let apart = &change - &point.q * point.q.tr_mul(&change);
             let back = point.r.tr_solve_upper_triangular(&da.tr_mul(&point.residuals))?;
             jacobian.set_column(j, &(apart - &point.q * back));

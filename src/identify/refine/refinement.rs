@@ -7,6 +7,7 @@ use super::setup::{DelayValue, RefineError, Setup, Start};
 use super::variable::{Variable, power};
 use crate::control::{Continuous, System, TransferFunction};
 use crate::ctl::Ctl;
+use crate::identify::held::Held;
 use crate::identify::problem::{Line, Problem};
 use crate::identify::time::{Time, multiply};
 use crate::num::Polynomial;
@@ -196,7 +197,7 @@ impl<'a> Refinement<'a> {
     /// outside the margin.
     pub(super) fn loop_exponent(&self, phi: &[f64]) -> Option<f64> {
         let parts = self.projection.parts(phi);
-        let beta = vec![0.0; self.setup.structure.feedforward_numerator + 1];
+        let beta = vec![0.0; self.projection.numerator_size()];
         let (_, feedback) = written(&self.projection, &parts, &beta).ok()?;
         let Setup { problem, plant, margin_per_s, .. } = self.setup;
         let (open, gain) = (plant.den().mul(feedback.den()), plant.num().mul(feedback.num()));
@@ -249,6 +250,7 @@ pub(super) fn prepared<'a>(
     let layout = Layout {
         feedforward_degree: structure.feedforward_denominator,
         feedforward_is_free: structure.feedforward_denominator_is_free,
+        has_feedback: structure.held != Some(Held::Feedback),
         feedback_numerator: structure.feedback_numerator,
         feedback_denominator: structure.feedback_denominator,
         feedback_delay_is_free: feedback_delay.range_s.is_some(),
@@ -259,11 +261,13 @@ pub(super) fn prepared<'a>(
         let what = "feedforward denominator";
         phi.extend(lower_coefficients(&variable, &start.feedforward_denominator, layout.feedforward_degree, what)?);
     }
-    let unit = variable.unit.powi(layout.feedback_denominator as i32);
-    let numerator = padded(&start.feedback_numerator, layout.feedback_numerator, "feedback numerator")?;
-    phi.extend(variable.enter(&numerator).iter().map(|c| c / unit));
-    let what = "feedback denominator";
-    phi.extend(lower_coefficients(&variable, &start.feedback_denominator, layout.feedback_denominator, what)?);
+    if layout.has_feedback {
+        let unit = variable.unit.powi(layout.feedback_denominator as i32);
+        let numerator = padded(&start.feedback_numerator, layout.feedback_numerator, "feedback numerator")?;
+        phi.extend(variable.enter(&numerator).iter().map(|c| c / unit));
+        let what = "feedback denominator";
+        phi.extend(lower_coefficients(&variable, &start.feedback_denominator, layout.feedback_denominator, what)?);
+    }
 
     let mut margins = Vec::new();
     let unknowns = layout.unknowns();
@@ -290,7 +294,8 @@ pub(super) fn prepared<'a>(
     let terms: Vec<Option<Vec<f64>>> = unknowns.iter().map(|unknown| unknown.in_loop(&np, &dp)).collect();
     let base = multiply(&dp, &power(layout.feedback_denominator));
     phi.extend(feedforward_delay.range_s.map(|_| in_units(feedforward_delay.start_s)));
-    if degree > 0 {
+    // Without feedback the loop is the plant, whose poles no unknown moves: the pool has seen to them.
+    if degree > 0 && layout.has_feedback {
         let margin = Margin::new(&variable, margin_per_s, &base, &terms, degree, &phi);
         margins.push(margin.ok_or(RefineError::OnTheEdge("feedback loop"))?);
     }

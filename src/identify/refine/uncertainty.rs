@@ -426,6 +426,10 @@ impl Refinement<'_> {
                 row[i] = c;
             }
         }
+        if beta == 0 {
+            // A feedforward that is held at zero has no coefficients.
+            numerators.clear();
+        }
         rows.extend(
             numerators.into_iter().enumerate().map(|(i, row)| (format!("feedforward_numerator[{i}]"), row, 0.0)),
         );
@@ -456,8 +460,10 @@ impl Refinement<'_> {
         }
         let degree = layout.feedback_denominator;
         let numerator = layout.feedback_numerator;
-        polynomial("feedback_numerator", numerator, false, Unknown::feedback_numerator, unit(degree));
-        polynomial("feedback_denominator", degree, true, Unknown::feedback_denominator, unit(degree));
+        if layout.has_feedback {
+            polynomial("feedback_numerator", numerator, false, Unknown::feedback_numerator, unit(degree));
+            polynomial("feedback_denominator", degree, true, Unknown::feedback_denominator, unit(degree));
+        }
         for (j, unknown) in projection.unknowns.iter().enumerate() {
             let name = match unknown {
                 Unknown::FeedbackDelay => "feedback_delay_s",

@@ -11,6 +11,9 @@ use crate::identify::pool::{Pool, PoolError, Recipe};
 use crate::identify::problem::Problem;
 use std::sync::Arc;
 
+/// Without a feedforward there is nothing to solve for, and pools up to this size are evaluated before trees are made.
+const WITHOUT_FEEDFORWARD: u64 = 100_000_000;
+
 /// Which share of the time it takes to count a pool, where nothing of it was kept.
 const COUNTING: f64 = 0.2;
 
@@ -38,8 +41,11 @@ impl Search for Automatic<'_> {
     }
 
     fn prepare(&self, problem: &Problem, pool: &Pool, ctl: &Ctl) -> Result<Option<Prepared>, Stopped> {
+        let small = if problem.basis().is_none() { WITHOUT_FEEDFORWARD } else { SMALL };
+        // Without feedback there is nothing to make trees of: as many candidates as one list holds.
         if self.method == Method::Exhaustive
-            || pool.size() <= SMALL
+            || pool.size() <= small
+            || pool.feedback().gains().is_empty()
             || !factored::can_search(problem)
             || !sensitivity::can_search(problem)
         {

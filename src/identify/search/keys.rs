@@ -2,6 +2,7 @@
 
 use crate::cache::KeyHasher;
 use crate::control::System;
+use crate::identify::held::Held;
 use crate::identify::pool::Recipe;
 use crate::identify::pool::recipe::Ingredients;
 use crate::identify::pool::roots::RootPair;
@@ -20,6 +21,7 @@ pub(crate) fn hash_recipe(into: &mut KeyHasher, recipe: &Recipe) {
         zero_gain,
         band_rad_s,
         margin,
+        held,
     } = recipe;
     into.number(match sampled {
         None => 0,
@@ -35,6 +37,11 @@ pub(crate) fn hash_recipe(into: &mut KeyHasher, recipe: &Recipe) {
     into.number(u64::from(*zero_gain));
     into.reals(band_rad_s.as_ref().map_or(&[][..], |band| band));
     into.real(*margin);
+    into.number(match held {
+        None => 0,
+        Some(Held::Feedback) => 1,
+        Some(Held::Feedforward) => 2,
+    });
 }
 
 fn hash_ingredients(into: &mut KeyHasher, ingredients: &Ingredients) {
@@ -121,6 +128,7 @@ mod tests {
             zero_gain: true,
             band_rad_s: Some([0.0, 1.0]),
             margin: 0.1,
+            held: None,
         }
     }
 
@@ -152,6 +160,8 @@ mod tests {
             Recipe { band_rad_s: None, ..recipe() },
             Recipe { band_rad_s: Some([0.0, 2.0]), ..recipe() },
             Recipe { margin: 0.2, ..recipe() },
+            Recipe { held: Some(Held::Feedback), ..recipe() },
+            Recipe { held: Some(Held::Feedforward), ..recipe() },
         ];
         for (i, a) in variants.iter().enumerate() {
             for (j, b) in variants.iter().enumerate() {

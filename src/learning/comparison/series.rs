@@ -126,7 +126,10 @@ fn standard_error(found: Option<&Identification>, metric: Metric) -> Option<f64>
         Metric::NormFeedback => errors.norm_feedback,
         Metric::NormFeedforwardMinusInverse => errors.norm_feedforward_minus_inverse,
         Metric::NormFeedforwardPlantMinusOne => errors.norm_feedforward_plant_minus_one,
-        Metric::MeanAbsError | Metric::RmsError | Metric::VarianceAccountedFor => None,
+        Metric::MeanAbsError
+        | Metric::RmsError
+        | Metric::VarianceAccountedFor
+        | Metric::ControlLogDimensionlessJerk => None,
     }
 }
 

@@ -217,6 +217,9 @@ fn fill(
         }
         by_metric.push((*metric, people, errors));
     }
+    if options.metrics.contains(&Metric::ControlLogDimensionlessJerk) {
+        comparison.remarks.push(words::jerk_depends_on_duration());
+    }
     let has_values = |people: &[PersonSeries]| people.iter().any(|p| p.used().next().is_some());
     for (i, cell) in cells.iter().enumerate() {
         let metrics = by_metric

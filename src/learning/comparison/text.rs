@@ -20,5 +20,6 @@ pub(crate) fn symbol(metric: Metric) -> &'static str {
         Metric::NormFeedforwardMinusInverse => "‖Gff − G⁻¹‖",
         Metric::NormFeedforwardPlantMinusOne => "‖Gff G − 1‖",
         Metric::VarianceAccountedFor => "variance accounted for",
+        Metric::ControlLogDimensionlessJerk => "log dimensionless jerk of u",
     }
 }

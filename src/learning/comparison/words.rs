@@ -233,6 +233,17 @@ pub(super) fn errors_partly_known(metric: Metric) -> Remark {
     )
 }
 
+pub(super) fn jerk_depends_on_duration() -> Remark {
+    Remark::new(
+        "jerk_depends_on_duration",
+        format!(
+            "the {} falls with the sixth power of a trial's duration and with the frequencies of its command: its \
+             differences are of smoothness only between trials of one command and length",
+            symbol(Metric::ControlLogDimensionlessJerk)
+        ),
+    )
+}
+
 pub(super) fn remarks(comparison: &StudyComparison) -> Vec<Remark> {
     let mut remarks = Vec::new();
     for group in &comparison.groups {

@@ -94,6 +94,55 @@ async fn groups_are_compared_with_intervals_and_in_words() {
     server.finish().await;
 }
 
+/// Smoothness is read off the recordings at their upload and compared like any other metric: a tremor of the second
+/// group lowers it.
+#[tokio::test]
+async fn the_smoothness_of_the_control_is_compared() {
+    let server = TestServer::start().await;
+    let mut lab = server.lab().await;
+    let recording = |tremor: f64, phase: f64| {
+        let row = |i: u32| {
+            let t = 0.02 * f64::from(i);
+            let u = (1.3 * t + phase).sin() + tremor * (16.0 * t).sin();
+            format!("{t},1,{u},{}", 0.5 + 0.1 * (1.3 * t).sin())
+        };
+        format!("t,r,u,y\n{}\n", (0..500).map(row).collect::<Vec<_>>().join("\n"))
+    };
+    let mut jerks = Vec::new();
+    for (group, tremor) in [("gm", 0.0), ("gn", 0.1)] {
+        for person in 0..4 {
+            let body = json!({"code": format!("{group}{person}"), "group": group});
+            lab.subject = server.post(&format!("/v1/studies/{}/subjects", lab.study), &body).await.id(201);
+            for number in 1..=2 {
+                let csv = recording(tremor, 0.05 * f64::from(2 * person + number));
+                let query = format!("&number={number}&sample_time_s=0.02");
+                let trial = server.upload_csv(&lab, &query, csv).await.json(201);
+                if (group, number) == ("gn", 2) {
+                    jerks.push(trial["metrics"]["control_log_dimensionless_jerk"].as_f64().unwrap());
+                }
+            }
+        }
+    }
+    let found = server
+        .get(&format!(
+            "/v1/studies/{}/comparison?metrics=control_log_dimensionless_jerk&contrasts=last&curve=trials",
+            lab.study
+        ))
+        .await
+        .json(200);
+    let compared = &found["pairs"][0]["metrics"][0];
+    assert_eq!(compared["metric"], "control_log_dimensionless_jerk");
+    let contrast = &compared["contrasts"][0];
+    assert!(contrast["difference"]["difference"].as_f64().unwrap() < -1.0, "{contrast}");
+    assert!((contrast["permutation"]["p"].as_f64().unwrap() - 2.0 / 70.0).abs() < 1e-15, "{contrast}");
+    let mean = found["groups"][1]["metrics"][0]["contrasts"][0]["mean"]["coefficients"][0]["value"].as_f64().unwrap();
+    assert!((mean - jerks.iter().sum::<f64>() / 4.0).abs() < 1e-12, "{mean} {jerks:?}");
+    let sentence = finding(&found, "gn on gm less gm on gm, log dimensionless jerk of u, at trial 2");
+    assert!(sentence.contains("the groups differ, gm on gm being higher"), "{sentence}");
+    assert!(found["remarks"].as_array().unwrap().iter().any(|r| r["code"] == "jerk_depends_on_duration"));
+    server.finish().await;
+}
+
 #[tokio::test]
 async fn what_makes_no_sense_is_refused_by_name() {
     let server = TestServer::start().await;

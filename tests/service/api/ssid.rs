@@ -104,6 +104,45 @@ async fn a_search_shows_its_gap_and_leaves_what_it_found_when_it_is_cancelled() 
     server.finish().await;
 }
 
+/// The hypotheses of no feedback and no feedforward, on a recorded trial.
+#[tokio::test]
+async fn a_controller_is_held_at_zero() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let trial = server.upload_csv(&lab, "&number=20&sample_time_s=0.05", simulated(20)).await.id(201);
+    let spec = |more: Value| {
+        let mut spec = json!({"pool": {"name": "zhang2015_appendix_c",
+                                       "thin": {"poles": 16, "zeros": 16, "damping": 4, "gains": 10}}});
+        spec.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        json!({"kind": "ssid", "inputs": {"trial": trial}, "spec": spec})
+    };
+    let both = report(&server, &spec(json!({"restrictions": ["feedforward", "feedback"]}))).await;
+    for (at, (held, other)) in [("feedforward", "feedback"), ("feedback", "feedforward")].iter().enumerate() {
+        let body = report(&server, &spec(json!({"held_at_zero": held}))).await;
+        let result = &body["result"];
+        assert_eq!(body["provenance"]["spec"]["held_at_zero"], *held);
+        assert_eq!((&result[*held]["num"], &result[*held]["den"]), (&json!([0.0]), &json!([1.0])));
+        assert_ne!(result[*other]["num"], json!([0.0]));
+        let vaf = result["variance_accounted_for"].as_f64().unwrap();
+        assert!(vaf > 0.0, "what is simulated is that controller alone: {vaf}");
+        let row = &both["result"]["restrictions"][at];
+        assert_eq!((&row["held_at_zero"], &row["cost"]), (&json!(held), &result["cost"]));
+        assert!(row["cost"].as_f64() >= both["result"]["cost"].as_f64(), "{row}");
+        assert!(row["f"]["statistic"].as_f64().unwrap() >= 0.0 || row["f_reason"].is_string(), "{row}");
+        let codes: Vec<&Value> = body["warnings"].as_array().unwrap().iter().map(|w| &w["code"]).collect();
+        assert!(codes.contains(&&json!("controller_held_at_zero")), "{codes:?}");
+    }
+    for (more, place) in [
+        (json!({"held_at_zero": "feedback", "feedback_numerator_degree": 1}), "/spec/feedback_numerator_degree"),
+        (json!({"held_at_zero": "feedback", "restrictions": ["feedback"]}), "/spec/restrictions"),
+        (json!({"held_at_zero": "feedforward", "delay": {"feedforward_s": 0.1}}), "/spec/delay/feedforward_s"),
+    ] {
+        let problem = server.post("/v1/analyses", &spec(more)).await.problem(422, "invalid");
+        assert_eq!(problem["where"], place);
+    }
+    server.finish().await;
+}
+
 #[tokio::test]
 async fn an_identification_is_refined_and_simulated_on_a_trial_held_out() {
     let server = TestServer::start().await;
@@ -169,7 +208,7 @@ async fn structures_and_delays_are_judged_by_trials_left_out() {
     let request = json!({"kind": "ssid", "inputs": {"trials": trials[..3], "validate_on": trials[3..]}, "spec": spec});
     let body = report(&server, &request).await;
     let result = &body["result"];
-    assert_eq!(body["schema"], "volition.ssid/6");
+    assert_eq!(body["schema"], "volition.ssid/7");
     // How many QR had to decide depends on which thread found what first: it once made the hash of a result differ
     // between two runs.
     assert!(result["certificate"]["decided_by_qr"].is_null(), "{}", result["certificate"]);

@@ -15,6 +15,7 @@ fn setting(sampled: bool, is_fir: bool) -> (System, Problem, Structure, Start) {
         feedforward_denominator: 2,
         feedback_numerator: 1,
         feedback_denominator: 2,
+        held: None,
     };
     let (plant, start) = if sampled {
         let tf = TransferFunction::new(&[0.02, 0.018], &[1.0, -1.7, 0.72], Discrete::new(0.1).unwrap()).unwrap();

@@ -34,6 +34,7 @@ fn first_order() -> World {
             feedforward_denominator: 1,
             feedback_numerator: 0,
             feedback_denominator: 1,
+            held: None,
         },
         omega: (1..=20).map(|k| 0.2 * std::f64::consts::PI * f64::from(k)).collect(),
     }
@@ -51,6 +52,7 @@ fn fir() -> World {
             feedforward_denominator: 2,
             feedback_numerator: 1,
             feedback_denominator: 2,
+            held: None,
         },
         omega: (0..31).map(|k| 0.3 * f64::from(k)).collect(),
     }

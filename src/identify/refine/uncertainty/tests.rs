@@ -34,6 +34,7 @@ fn world(noise: f64) -> World {
             feedforward_denominator: 1,
             feedback_numerator: 0,
             feedback_denominator: 1,
+            held: None,
         },
         omega,
         deviation,

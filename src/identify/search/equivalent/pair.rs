@@ -105,7 +105,7 @@ struct Cell {
 #[derive(Debug)]
 pub(super) struct Trial {
     constants: Vec<Constant>,
-    /// Values of the basis functions, line by line, the real half first.
+    /// Values of the basis functions, line by line, the real half first; without a numerator, a 0 for each line.
     functions: Vec<f64>,
     halves: [usize; 2],
     half: f64,
@@ -244,6 +244,10 @@ impl Trial {
             });
             functions
                 .extend([basis.even(), basis.odd()].into_iter().flat_map(|part| part.values.iter().map(move |v| v[k])));
+            if basis.is_none() {
+                // A place for each line, of which nothing is read.
+                functions.push(0.0);
+            }
         }
         let of = |cell: usize| {
             let turning = cells.turning(cell, basis.turning_s());
@@ -287,7 +291,7 @@ impl Trial {
         columns.clear();
         residual.clear();
         let (mut total, mut worst) = (0.0, 1.0_f64);
-        let rows = self.functions.chunks_exact(p + q);
+        let rows = self.functions.chunks_exact((p + q).max(1));
         for (((constant, functions), inverse), (d, _)) in
             self.constants.iter().zip(rows).zip(&view.inverse).zip(&block.lines)
         {
@@ -319,11 +323,11 @@ impl Trial {
         let margin = 16.0 * (self.constants.len() + 16) as f64 * f64::EPSILON * total * (1.0 + worst) * condition;
         let (mut cost, mut losses, mut least) = (0.0, [0.0, 0.0], 1.0_f64);
         let (mut size, mut moved) = (0.0, 0.0);
-        let rows = self.functions.chunks_exact(p + q);
+        let rows = self.functions.chunks_exact((p + q).max(1));
         for (k, functions) in rows.enumerate() {
             let value = |side: usize| {
                 let re: f64 = functions[..p].iter().zip(even.side(side)).map(|(f, c)| f * c).sum();
-                let im: f64 = functions[p..].iter().zip(odd.side(side)).map(|(f, c)| f * c).sum();
+                let im: f64 = functions[p..p + q].iter().zip(odd.side(side)).map(|(f, c)| f * c).sum();
                 Complex64::new(re, im)
             };
             let right = residual[k];

@@ -1,6 +1,7 @@
 //! What is asked about the candidates that the data cannot tell from the best one.
 
 use crate::control::System;
+use crate::identify::held::Held;
 use crate::identify::pool::{Candidate, Pool};
 use crate::identify::problem::Problem;
 use crate::identify::search::screen::systems;
@@ -33,6 +34,8 @@ pub struct Question<'a> {
     pub best: u64,
     /// The norms.
     pub norms: &'a dyn BandNorms,
+    /// The controller that is held at zero: its norm is the same for every candidate and not asked for.
+    pub held: Option<Held>,
 }
 
 /// One of two norms over the band.

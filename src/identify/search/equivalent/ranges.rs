@@ -12,6 +12,7 @@ use super::question::{Quantity, Question, norm_of};
 use super::walk::{Material, Walk, Work};
 use crate::control::System;
 use crate::ctl::{Ctl, Phase, Stopped};
+use crate::identify::held::Held;
 use crate::identify::pool::{Feedback, FeedbackTable, Position};
 use crate::identify::search::prepared::Prepared;
 use crate::identify::search::screen::{exact, systems};
@@ -46,10 +47,10 @@ pub struct NormRange {
 /// The ranges over the set. No candidate of the pool that costs at most the limit has a norm outside of them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EquivalentRanges {
-    /// Of ‖Gfb‖.
-    pub feedback: NormRange,
-    /// Of ‖Gff G − 1‖.
-    pub feedforward_plant_minus_one: NormRange,
+    /// Of ‖Gfb‖; `None` where the feedback is held at zero, which it is of every member.
+    pub feedback: Option<NormRange>,
+    /// Of ‖Gff G − 1‖; `None` where the feedforward is held at zero: it is 1 of every member.
+    pub feedforward_plant_minus_one: Option<NormRange>,
     /// Pairs of clusters that were bounded. With several threads this depends on which of them found what first, as
     /// does the next member.
     pub bounded: u64,
@@ -116,8 +117,9 @@ fn of<C: Controllers>(
         let largest = if least.is_some() { end(quantity, End::Largest)? } else { None };
         Ok(NormRange { least: least.flatten(), largest: largest.flatten() })
     };
-    let feedback = range(Quantity::Feedback)?;
-    let feedforward_plant_minus_one = range(Quantity::Distance)?;
+    let unless = |held: Held, quantity| (question.held != Some(held)).then(|| range(quantity)).transpose();
+    let feedback = unless(Held::Feedback, Quantity::Feedback)?;
+    let feedforward_plant_minus_one = unless(Held::Feedforward, Quantity::Distance)?;
     let (bounded, evaluated) = (work.bounded.into_inner(), work.evaluated.into_inner());
     Ok(EquivalentRanges { feedback, feedforward_plant_minus_one, bounded, evaluated })
 }

@@ -66,7 +66,7 @@ pub(super) fn bounds(
     scratch.resize(2 * lines.count * LANES, 0.0);
     dispatch_halves!(
         [lines.even, lines.odd],
-        in [1 0, 1 1, 2 1, 2 2, 3 2, 3 3, 4 3, 4 4] else LARGEST_HALF,
+        in [0 0, 1 0, 1 1, 2 1, 2 2, 3 2, 3 3, 4 3, 4 4] else LARGEST_HALF,
         |halves| Bound { halves, lines, feedback, denominators, limit, scratch, out: &mut out }
     );
     out

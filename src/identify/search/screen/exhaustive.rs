@@ -8,7 +8,7 @@ use crate::ctl::{Bracket, Ctl, Stopped};
 use crate::identify::pool::Pool;
 use crate::identify::problem::Problem;
 use rayon::prelude::*;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Evaluates every candidate by normal equations, then decides among those that rounding cannot tell apart by QR.
@@ -73,39 +73,35 @@ impl Search for Exhaustive {
 
         let near = problem.near_limit(cost);
         let feedforward = pool.feedforward().len() as u64;
+        let is_without_feedback = |index: u64| pool.position(index).feedback.numerator.is_none();
         let (near_optimal, found) = again(near)
             .into_par_iter()
             .map(|block| {
                 let mut count = 0;
-                let mut found = HashMap::new();
+                let mut found = Alike::default();
                 each(&evaluator, block, ctl, |index, approximate, bound| {
                     // The approximate cost errs by as much upwards as the bound is below it.
                     let surely = 2.0 * approximate - bound <= near;
                     count += u64::from(surely || (bound <= near && exact_cost(index) <= near));
                     if bound <= near {
-                        // Copies without feedback are alike to the last bit.
                         let alike = (index % feedforward, approximate.to_bits(), bound.to_bits());
-                        let first = found.entry(alike).or_insert(index);
-                        *first = index.min(*first);
-                        if found.len() > KEPT {
-                            found = pruned(std::mem::take(&mut found));
-                        }
+                        found.take(alike, index, is_without_feedback);
+                        found.prune();
                     }
                 })?;
                 Ok((count, found))
             })
             .try_reduce(
-                || (0, HashMap::new()),
+                || (0, Alike::default()),
                 |(a, mut found): (u64, Alike), (b, others)| {
-                    for (alike, index) in others {
-                        let first = found.entry(alike).or_insert(index);
-                        *first = index.min(*first);
+                    for (alike, index) in others.each() {
+                        found.take(alike, index, is_without_feedback);
                     }
                     Ok((a + b, found))
                 },
             )?;
         let candidate = |place: &(AlikeKey, u64)| pool.candidate(pool.position(place.1));
-        let nearest = nearest(problem, bracketed(found), near, candidate, |place| place.1, ctl)?;
+        let nearest = nearest(problem, found.bracketed(), near, candidate, |place| place.1, ctl)?;
 
         Ok(Optimum {
             index,
@@ -124,25 +120,73 @@ impl Search for Exhaustive {
 /// Feedforward denominator, and the bits of cost and bound.
 type AlikeKey = (u64, u64, u64);
 
-/// The lowest index of candidates that are alike.
-type Alike = HashMap<AlikeKey, u64>;
-
 /// Near-optimal candidates that a block keeps before it throws out those that cannot be among the best.
 const KEPT: usize = 1 << 14;
 
-fn bracketed(found: Alike) -> Vec<Bracketed<(AlikeKey, u64)>> {
-    let of = |(key, index): (AlikeKey, u64)| {
-        let (cost, below) = (f64::from_bits(key.1), f64::from_bits(key.2));
-        Bracketed { below, above: 2.0 * cost - below, place: (key, index) }
-    };
-    found.into_iter().map(of).collect()
+/// Candidates that are alike to the last bit: of copies without feedback the lowest index, of others (a zero may cancel
+/// a pole) each.
+#[derive(Debug)]
+enum Indices {
+    One(u64),
+    WithoutFeedback(u64),
+    Different(Vec<u64>),
 }
 
-/// Without those that cannot be among the best.
-fn pruned(found: Alike) -> Alike {
-    let mut candidates = bracketed(found);
-    prune(&mut candidates);
-    candidates.into_iter().map(|c| c.place).collect()
+/// Near-optimal candidates.
+#[derive(Debug, Default)]
+struct Alike(HashMap<AlikeKey, Indices>);
+
+impl Alike {
+    fn take(&mut self, alike: AlikeKey, index: u64, is_without_feedback: impl Fn(u64) -> bool) {
+        let Some(indices) = self.0.get_mut(&alike) else {
+            self.0.insert(alike, Indices::One(index));
+            return;
+        };
+        match indices {
+            // What costs the same to the last bit as one without feedback is another copy of it.
+            Indices::One(first) if is_without_feedback(*first) => {
+                *indices = Indices::WithoutFeedback(index.min(*first));
+            }
+            Indices::One(first) => *indices = Indices::Different(vec![*first, index]),
+            Indices::WithoutFeedback(first) => *first = index.min(*first),
+            Indices::Different(all) => all.push(index),
+        }
+    }
+
+    /// Each candidate that is kept.
+    fn each(self) -> impl Iterator<Item = (AlikeKey, u64)> {
+        self.0.into_iter().flat_map(|(alike, indices)| {
+            let all = match indices {
+                Indices::One(index) | Indices::WithoutFeedback(index) => vec![index],
+                Indices::Different(all) => all,
+            };
+            all.into_iter().map(move |index| (alike, index))
+        })
+    }
+
+    fn bracketed(self) -> Vec<Bracketed<(AlikeKey, u64)>> {
+        let of = |(alike, index): (AlikeKey, u64)| {
+            let (cost, below) = (f64::from_bits(alike.1), f64::from_bits(alike.2));
+            Bracketed { below, above: 2.0 * cost - below, place: (alike, index) }
+        };
+        self.each().map(of).collect()
+    }
+
+    /// Without those that cannot be among the best, where there are many.
+    fn prune(&mut self) {
+        if self.0.len() <= KEPT {
+            return;
+        }
+        let mut all: Vec<Bracketed<AlikeKey>> = Vec::with_capacity(self.0.len());
+        for (alike, indices) in &self.0 {
+            let (cost, below) = (f64::from_bits(alike.1), f64::from_bits(alike.2));
+            let count = if let Indices::Different(all) = indices { all.len() } else { 1 };
+            all.extend((0..count).map(|_| Bracketed { below, above: 2.0 * cost - below, place: *alike }));
+        }
+        prune(&mut all);
+        let kept: HashSet<AlikeKey> = all.into_iter().map(|one| one.place).collect();
+        self.0.retain(|alike, _| kept.contains(alike));
+    }
 }
 
 /// The smaller of two (cost, index) pairs, which are never NaN.

@@ -45,7 +45,7 @@ impl Screened {
 pub(super) struct Layout {
     even: usize,
     odd: usize,
-    /// `even (even+1)/2 + odd (odd+1)/2 + even + odd` numbers per line.
+    /// `even (even+1)/2 + odd (odd+1)/2 + even + odd` numbers per line; one where there is no numerator.
     table: Vec<f64>,
     /// `16 γ`.
     rounding: f64,
@@ -66,6 +66,10 @@ impl Layout {
             }
             for part in [even, odd] {
                 table.extend(part.values.iter().map(|v| v[k]));
+            }
+            if problem.basis().is_none() {
+                // A place for each line, of which nothing is read.
+                table.push(0.0);
             }
         }
         let rounding = 16.0 * (lines + 16) as f64 * f64::EPSILON;
@@ -274,7 +278,7 @@ impl<const P: usize, const Q: usize, const KNOWN: bool> WithSimd for AcrossFeedf
         let total = simd.splat_f64s(feedback.total);
         let rounding = simd.splat_f64s(layout.rounding * feedback.scale);
         let (p, q) = halves.sizes([layout.even, layout.odd]);
-        let width = p * (p + 3) / 2 + q * (q + 3) / 2;
+        let width = (p * (p + 3) / 2 + q * (q + 3) / 2).max(1);
         let (even_products, odd_products) = (p * (p + 1) / 2, q * (q + 1) / 2);
         for i in 0..vectors {
             let (mut even, mut odd) = (Sums::<Lane<S>, P>::new(simd), Sums::<Lane<S>, Q>::new(simd));
@@ -360,7 +364,7 @@ pub(super) fn across_feedback(layout: &Layout, constants: &LineConstants, batch:
     out.resize(batch.room);
     dispatch_halves!(
         [layout.even, layout.odd],
-        in [1 0, 1 1, 2 1, 2 2, 3 2, 3 3, 4 3, 4 4, 5 4] else LARGEST_HALF,
+        in [0 0, 1 0, 1 1, 2 1, 2 2, 3 2, 3 3, 4 3, 4 4, 5 4] else LARGEST_HALF,
         |halves| AcrossFeedback { halves, layout, constants, batch, out: &mut *out }
     );
     out.resize(batch.count);
@@ -388,7 +392,7 @@ impl<const P: usize, const Q: usize, const KNOWN: bool> WithSimd for AcrossFeedb
         let used = batch.count.div_ceil(batch.room / vectors);
         let one = simd.splat_f64s(1.0);
         let (p, q) = halves.sizes([layout.even, layout.odd]);
-        let width = p * (p + 3) / 2 + q * (q + 3) / 2;
+        let width = (p * (p + 3) / 2 + q * (q + 3) / 2).max(1);
         let (even_products, odd_products) = (p * (p + 1) / 2, q * (q + 1) / 2);
         for i in 0..used {
             let (mut even, mut odd) = (Sums::<Lane<S>, P>::new(simd), Sums::<Lane<S>, Q>::new(simd));
