@@ -17,6 +17,7 @@ pub mod inverse_lqe;
 pub mod inverse_lqg;
 pub mod inverse_lqr;
 pub mod kind;
+pub mod lqg_fit;
 pub mod prediction_error;
 pub mod problem;
 mod reading;

@@ -28,6 +28,7 @@ kinds! {
     two_stimulus,
     prediction_error,
     gain_fit,
+    lqg_fit,
     inverse_lqr,
     inverse_lqe,
     inverse_lqg,

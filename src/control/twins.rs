@@ -57,6 +57,25 @@ pub enum TwinsError {
 /// # Errors
 /// [`TwinsError`].
 pub fn twins([a, b, c]: [&DMatrix<f64>; 3], k: &DMatrix<f64>, l: &DMatrix<f64>) -> Result<Vec<Twin>, TwinsError> {
+    of_loop([a, b, &(l * c)], k, l)
+}
+
+/// The same of a person whose belief takes y in before the control is chosen: `u = −Kx̂`, and
+/// `x̂⁺ = (I − LC)(A − BK)x̂ + Ly⁺` with the gain L of the filter. The loop is `[A −BK; LCA A−BK−LCA]`, and a twin is
+/// made as before.
+///
+/// # Errors
+/// [`TwinsError`].
+pub fn filter_twins(
+    [a, b, c]: [&DMatrix<f64>; 3],
+    k: &DMatrix<f64>,
+    l: &DMatrix<f64>,
+) -> Result<Vec<Twin>, TwinsError> {
+    of_loop([a, b, &(l * c * a)], k, l)
+}
+
+/// The twins of the loop `[A −BK; H A−BK−H]`, for H = LC or LCA.
+fn of_loop([a, b, h]: [&DMatrix<f64>; 3], k: &DMatrix<f64>, l: &DMatrix<f64>) -> Result<Vec<Twin>, TwinsError> {
     let n = a.nrows();
     let subsets = (0..n).try_fold(1usize, |count, i| count.checked_mul(2 * n - i).map(|v| v / (i + 1)));
     if subsets.is_none_or(|count| count > MAX_SUBSETS) {
@@ -64,11 +83,11 @@ pub fn twins([a, b, c]: [&DMatrix<f64>; 3], k: &DMatrix<f64>, l: &DMatrix<f64>) 
     }
     let own = linalg::eigenvalues(&(a - b * k))?;
     let mut f = DMatrix::zeros(2 * n, 2 * n);
-    let (bk, lc) = (b * k, l * c);
+    let bk = b * k;
     f.view_mut((0, 0), (n, n)).copy_from(a);
     f.view_mut((0, n), (n, n)).copy_from(&-&bk);
-    f.view_mut((n, 0), (n, n)).copy_from(&lc);
-    f.view_mut((n, n), (n, n)).copy_from(&(a - bk - lc));
+    f.view_mut((n, 0), (n, n)).copy_from(h);
+    f.view_mut((n, n), (n, n)).copy_from(&(a - bk - h));
     let values: Vec<Complex64> = ComplexSchur::new(&f)?.eigenvalues().collect();
     let size = values.iter().map(|v| v.norm()).fold(0.0, f64::max);
     for (i, value) in values.iter().enumerate() {

@@ -14,10 +14,13 @@
 //!
 //! K and L together come from the innovation form ([`innovation`]): the same machinery, with the person's own predictor
 //! as the model.
+//!
+//! Costs and noises themselves, of which K and L are functions, are fitted by [`lqg`].
 
 pub mod estimate;
 pub mod experiment;
 pub mod innovation;
+pub mod lqg;
 pub mod model;
 pub mod noise;
 pub mod residuals;

@@ -6,6 +6,8 @@
 #[allow(dead_code)]
 #[path = "../support/contract.rs"]
 mod contract;
+#[path = "../support/lqg_people.rs"]
+mod lqg_people;
 #[path = "../support/virtual_people.rs"]
 mod virtual_people;
 #[path = "../support/virtual_subjects.rs"]
@@ -14,6 +16,7 @@ mod virtual_subjects;
 mod cases;
 mod gain_fit;
 mod gain_fit_filter;
+mod lqg_fit;
 mod prediction_error;
 mod response;
 mod response_doubts;

@@ -23,7 +23,7 @@ pub enum SampledSignal {
 
 impl SampledSignal {
     /// Reads it; `name` is what errors call it.
-    pub(super) fn read(value: &Value, name: &str, at: &str) -> Result<Self, Problem> {
+    pub(crate) fn read(value: &Value, name: &str, at: &str) -> Result<Self, Problem> {
         match value.as_array().and_then(|rows| rows.first()) {
             Some(first) if !first.is_array() => {
                 let rows: Vec<Value> = value.as_array().into_iter().flatten().map(|v| json!([v])).collect();
@@ -34,7 +34,7 @@ impl SampledSignal {
     }
 
     /// Samples × channels.
-    pub(super) fn matrix(&self, name: &str, at: &str) -> Result<DMatrix<f64>, Problem> {
+    pub(crate) fn matrix(&self, name: &str, at: &str) -> Result<DMatrix<f64>, Problem> {
         match self {
             Self::List(values) => Ok(DMatrix::from_column_slice(values.len(), 1, values)),
             Self::Rows(rows) => dense(rows, name, at),

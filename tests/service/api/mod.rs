@@ -12,6 +12,7 @@ mod harness;
 mod inverse;
 mod learning;
 mod limits;
+mod lqg_fit;
 mod openapi;
 mod plants;
 mod recordings;

@@ -1,0 +1,195 @@
+//! What is fitted: the plant that the person controlled, and trials.
+
+use crate::analysis::contract::{Inputs, Part, members_sha256};
+use crate::analysis::gain_fit::SampledSignal;
+use crate::analysis::ids::TrialId;
+use crate::analysis::inputs::library::{Library, References};
+use crate::analysis::problem::Problem;
+use crate::analysis::reading::{self, only, wrong_inputs as wrong};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// Trials at most.
+const MAX_TRIALS: usize = 1000;
+
+/// What costs and noises are fitted to: the plant that the person controlled, in the states that the costs are about,
+/// and one trial or several, all stored or all in the request.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct LqgFitInputs {
+    /// The plant, also of stored trials: which states a cost is about only its writer knows.
+    pub plant: LqgFitPlant,
+    /// One trial; either this or `trials`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trial: Option<LqgFitTrialInput>,
+    /// Several trials, 1 to 1000; either this or `trial`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trials: Option<Vec<LqgFitTrialInput>>,
+}
+
+/// The plant, `x⁺ = Ax + B(u + m) + Ed + w`, `y = Cx + v`; in continuous time u and d are held between samples.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LqgFitPlant {
+    /// A, n×n: in the unit of `x⁺` per unit of the state, so 1/s of it in continuous time.
+    pub a: Vec<Vec<f64>>,
+    /// B, n×m: in the unit of `x⁺` per unit of the control.
+    pub b: Vec<Vec<f64>>,
+    /// C, p×n: in the unit of the output per unit of the state. Default: the identity, all states sensed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub c: Option<Vec<Vec<f64>>>,
+    /// E, n×q: in the unit of `x⁺` per unit of the disturbance. Default: B, a disturbance that is added to the control.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub e: Option<Vec<Vec<f64>>>,
+    /// Sample time in seconds; null in continuous time.
+    #[serde(default)]
+    pub sample_time_s: Option<f64>,
+}
+
+/// A trial of a request.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[serde(untagged)]
+pub enum LqgFitTrialInput {
+    /// The id of a stored trial. Its disturbance is d where it has one, its command otherwise.
+    #[schemars(title = "StoredTrial")]
+    Stored(TrialId),
+    /// The signals themselves.
+    #[schemars(title = "InlineTrial")]
+    Inline(LqgFitTrial),
+}
+
+/// A trial in the request, sampled at equal intervals.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct LqgFitTrial {
+    /// Time between samples in seconds, the same in all trials.
+    pub sample_time_s: f64,
+    /// d, what the experimenter did, held between samples: one row of q numbers per sample, or a plain list where q is
+    /// 1; in the units of the plant's disturbance. Default: nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub disturbance: Option<SampledSignal>,
+    /// y, one row of p numbers per sample, or a plain list where p is 1; in the units of the plant's outputs.
+    pub output: SampledSignal,
+    /// u, one row of m numbers per sample, or a plain list where m is 1; in the units of the plant's controls. Default:
+    /// not recorded.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub control: Option<SampledSignal>,
+}
+
+impl LqgFitInputs {
+    /// The trials, in the order of the request.
+    #[must_use]
+    pub fn trials(&self) -> &[LqgFitTrialInput] {
+        match &self.trials {
+            Some(trials) => trials,
+            None => self.trial.as_slice(),
+        }
+    }
+
+    /// Where a trial is in the request, as a JSON pointer.
+    pub(super) fn place(&self, index: usize) -> String {
+        place(self.trials.is_some(), index)
+    }
+
+    fn stored(&self) -> impl Iterator<Item = (usize, TrialId)> {
+        self.trials().iter().enumerate().filter_map(|(i, trial)| match trial {
+            LqgFitTrialInput::Stored(id) => Some((i, *id)),
+            LqgFitTrialInput::Inline(_) => None,
+        })
+    }
+}
+
+fn place(many: bool, index: usize) -> String {
+    if many { format!("/inputs/trials/{index}") } else { "/inputs/trial".to_owned() }
+}
+
+impl Part for LqgFitInputs {
+    fn read(value: &Value, at: &str) -> Result<Self, Problem> {
+        let members = reading::object(value, "the value of inputs", at)?;
+        only(members, &["plant", "trial", "trials"], at)?;
+        let present = |name: &str| members.get(name).filter(|v| !v.is_null());
+        let plant = present("plant").ok_or_else(|| {
+            wrong("there is no plant", "/inputs/plant")
+                .mend("Give the plant that the person controlled, in the states that the costs are about: a, b, c, e.")
+        })?;
+        let plant = reading::read(plant, "/inputs/plant", "unusable inputs")?;
+        let (list, many) = match (present("trial"), present("trials")) {
+            (Some(trial), None) => (std::slice::from_ref(trial), false),
+            (None, Some(Value::Array(trials))) => (trials.as_slice(), true),
+            (None, Some(_)) => return Err(wrong("trials is no array", "/inputs/trials")),
+            (Some(_), Some(_)) => return Err(wrong("there are both trial and trials", at)),
+            (None, None) => {
+                return Err(wrong("there is no trial", at)
+                    .mend("Give trials: ids of stored ones, or objects with sample_time_s, output and control."));
+            }
+        };
+        if list.is_empty() || list.len() > MAX_TRIALS {
+            let detail = format!("there are {} trials; 1 to {MAX_TRIALS} are taken", list.len());
+            return Err(wrong(detail, "/inputs/trials"));
+        }
+        if let Some(i) = list.iter().position(|trial| trial.is_string() != list[0].is_string()) {
+            return Err(wrong("ids and signals are mixed", place(many, i)));
+        }
+        let mut trials: Vec<LqgFitTrialInput> = Vec::with_capacity(list.len());
+        for (i, value) in list.iter().enumerate() {
+            let at = place(many, i);
+            let trial = match value.as_str() {
+                Some(text) => {
+                    let id = text
+                        .parse()
+                        .map_err(|_| wrong(format!("{text:?} is no id of a trial"), &*at).mend("Ids are UUIDs."))?;
+                    LqgFitTrialInput::Stored(id)
+                }
+                None => LqgFitTrialInput::Inline(LqgFitTrial::read(value, &at)?),
+            };
+            if trials.contains(&trial) {
+                return Err(wrong("this trial is the same as an earlier one", at)
+                    .mend("Twice the same noise is no second measurement."));
+            }
+            trials.push(trial);
+        }
+        let (trial, trials) = if many { (None, Some(trials)) } else { (trials.pop(), None) };
+        Ok(Self { plant, trial, trials })
+    }
+}
+
+impl Inputs for LqgFitInputs {
+    fn references(&self) -> References {
+        References { trials: self.stored().map(|(_, id)| id).collect(), plants: Vec::new() }
+    }
+
+    /// Of each member, and of the content of each stored trial.
+    fn sha256(&self, library: &Library) -> Result<BTreeMap<String, String>, Problem> {
+        let mut hashes = members_sha256(self);
+        for (i, id) in self.stored() {
+            let at = self.place(i);
+            let stored = library.trial(id).map_err(|problem| problem.at(at.clone()))?;
+            hashes.insert(at, stored.sha256.clone());
+        }
+        Ok(hashes)
+    }
+}
+
+impl LqgFitTrial {
+    fn read(value: &Value, at: &str) -> Result<Self, Problem> {
+        let members = reading::object(value, "a trial that is no id", at)?;
+        only(members, &["sample_time_s", "disturbance", "output", "control"], at)?;
+        let present = |name: &str| members.get(name).filter(|v| !v.is_null());
+        let needed =
+            |name: &str| present(name).ok_or_else(|| wrong(format!("the trial has no {name}"), format!("{at}/{name}")));
+        let period = needed("sample_time_s")?;
+        let sample_time_s = period.as_f64().filter(|v| *v > 0.0 && v.is_finite()).ok_or_else(|| {
+            let detail = format!("the sample time is {period}, and must be a positive number of seconds");
+            wrong(detail, format!("{at}/sample_time_s"))
+        })?;
+        let signal = |value: &Value, name: &str| SampledSignal::read(value, name, &format!("{at}/{name}"));
+        Ok(Self {
+            sample_time_s,
+            disturbance: present("disturbance").map(|value| signal(value, "disturbance")).transpose()?,
+            output: signal(needed("output")?, "output")?,
+            control: present("control").map(|value| signal(value, "control")).transpose()?,
+        })
+    }
+}
