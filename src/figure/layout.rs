@@ -3,7 +3,7 @@
 use super::palette::Theme;
 use super::style::{HEADING, TEXT};
 use super::text::{room, shortened, wrapped};
-use super::value::{Figure, Ink, Panel};
+use super::value::{Figure, Ink, Mark, Panel};
 
 /// Widths that are drawn, in pixels.
 pub(super) const LEAST_WIDTH: f64 = 280.0;
@@ -148,9 +148,10 @@ impl Layout {
             (true, true) => Names::Beside,
             (true, false) => Names::OnLines,
         };
-        let longest = figure.panels.iter().flat_map(labelled).map(|(text, _)| room(&name(text), TEXT));
+        // Bold letters are wider, and a short name may be of wide ones alone.
+        let longest = figure.panels.iter().flat_map(labelled).map(|(text, _)| 1.15 * room(&name(text), TEXT) + 18.0);
         let right = match names {
-            Names::Beside => (longest.fold(0.0, f64::max) + 12.0).clamp(RIGHT, 0.3 * width),
+            Names::Beside => longest.fold(RIGHT, f64::max).min(0.32 * width),
             _ => RIGHT,
         };
         let column = width / stacks.len().max(1) as f64;
@@ -164,7 +165,10 @@ impl Layout {
         }
         let mut caption = Vec::new();
         if theme.has_words() && !figure.caption.is_empty() {
-            let text = format!("{} {}.", figure.caption, capital(&figure.sampling));
+            // Of a curve that was computed at some places, their number says nothing.
+            let is_recorded = figure.panels.iter().flat_map(|panel| &panel.series).any(|own| own.mark == Mark::Samples);
+            let sampling = if is_recorded { format!("{}.", capital(&figure.sampling)) } else { String::new() };
+            let text = format!("{} {sampling}", figure.caption);
             caption = lines(&text, TEXT, width, bottom + EDGE);
             bottom += LINE * caption.len() as f64 + EDGE;
         }
@@ -192,7 +196,7 @@ fn arrange(figure: &Figure, stack: &[usize], [x, top, width]: [f64; 3], frames: 
         let own = &figure.panels[*panel];
         let height = (full * own.height.clamp(0.2, 1.0)).round();
         let label = own.y.text();
-        let has_y_label = room(&label, TEXT) <= height + 24.0;
+        let has_y_label = room(&label, TEXT) <= height + 36.0;
         let head = match (has_y_label, own.title.is_empty()) {
             (true, _) => own.title.clone(),
             (false, true) => label,

@@ -29,7 +29,7 @@ pub struct Figure {
 pub struct Axis {
     /// The quantity.
     pub label: String,
-    /// Its unit; `1` where it has none.
+    /// Its unit; `1` where it has none, empty where it counts.
     pub unit: String,
     /// Linear or logarithmic.
     pub scale: Scale,
@@ -225,7 +225,7 @@ impl Axis {
     /// Label and unit as they stand at the axis.
     #[must_use]
     pub fn text(&self) -> String {
-        format!("{} ({})", self.label, self.unit)
+        if self.unit.is_empty() { self.label.clone() } else { format!("{} ({})", self.label, self.unit) }
     }
 }
 

@@ -3,8 +3,10 @@
 use super::decimate::{KEPT, kept};
 use super::value::{Axis, Figure, Mark, Panel, Scale, Series};
 
-/// An axis that follows its numbers goes on beyond them by this share.
+/// A y axis that follows its numbers goes on beyond them by this share, and an x axis by this one where there are marks,
+/// which an edge would cut in half.
 const MARGIN: f64 = 0.05;
+const MARGIN_OF_MARKS: f64 = 0.015;
 
 /// What a scale can hold; longer axes end here.
 const LARGEST: f64 = 8e307;
@@ -62,8 +64,8 @@ impl Axis {
         value.is_finite() && (self.scale == Scale::Linear || value > 0.0)
     }
 
-    /// The ends of the axis over some numbers; where it is `padded`, a little beyond them.
-    fn over(&self, numbers: impl Iterator<Item = f64>, padded: bool) -> [f64; 2] {
+    /// The ends of the axis over some numbers, or beyond them by a share of their range.
+    fn over(&self, numbers: impl Iterator<Item = f64>, margin: f64) -> [f64; 2] {
         if let Some(range) = self.range {
             return range;
         }
@@ -81,7 +83,7 @@ impl Axis {
                     return [low - half, high + half];
                 }
                 // An axis that begins at zero by intention begins there.
-                let more = if padded { MARGIN * (high - low) } else { 0.0 };
+                let more = margin * (high - low);
                 let begins = |end: f64| end == 0.0 && self.include.contains(&0.0);
                 [if begins(low) { low } else { low - more }, if begins(high) { high } else { high + more }]
             }
@@ -90,7 +92,7 @@ impl Axis {
                 if high < low * (1.0 + 1e-12) {
                     return [low / 1.25, high * 1.25];
                 }
-                let more = if padded { (high / low).powf(MARGIN) } else { 1.0 };
+                let more = (high / low).powf(margin);
                 [low / more, high * more]
             }
         }
@@ -106,8 +108,10 @@ impl Figure {
     /// # Errors
     /// [`ViewError`] where nothing of the figure is in the view.
     pub fn view(&self, view: &View) -> Result<Self, ViewError> {
-        let numbers = self.panels.iter().flat_map(|panel| &panel.series).flat_map(Series::numbers);
-        let [begin, end] = self.x.over(numbers.map(|(x, _)| x), false);
+        let series = || self.panels.iter().flat_map(|panel| &panel.series);
+        let is_mark = |series: &Series| matches!(series.mark, Mark::Points | Mark::Crosses | Mark::Bars);
+        let margin = if series().any(is_mark) { MARGIN_OF_MARKS } else { 0.0 };
+        let [begin, end] = self.x.over(series().flat_map(Series::numbers).map(|(x, _)| x), margin);
         let (from, to) = (view.from.unwrap_or(begin), view.to.unwrap_or(end));
         if from.partial_cmp(&to) != Some(std::cmp::Ordering::Less) {
             return Err(ViewError::Empty { from, to });
@@ -143,7 +147,7 @@ impl Seen {
 impl Panel {
     fn view(&self, x: &Axis, columns: usize, seen: &mut Seen) -> Self {
         let series: Vec<Series> = self.series.iter().map(|series| series.view(x, &self.y, columns, seen)).collect();
-        let range = self.y.over(series.iter().flat_map(Series::numbers).map(|(_, y)| y), true);
+        let range = self.y.over(series.iter().flat_map(Series::numbers).map(|(_, y)| y), MARGIN);
         Self { y: Axis { range: Some(range), ..self.y.clone() }, series, ..self.clone() }
     }
 }

@@ -317,7 +317,7 @@ pub fn learning_curve(
     let sentences: Vec<String> = groups.map(|(name, group)| drawer.sentence(name, group)).collect();
     let label = if drawer.places.are_counted_on { "trial, counted on through the sessions" } else { "trial" };
     let last = drawer.places.last;
-    let x = Axis { range: Some([0.0, last + f64::max(0.5, 0.03 * last)]), ..Axis::linear(label, "1") };
+    let x = Axis { range: Some([0.0, last + f64::max(0.5, 0.03 * last)]), ..Axis::linear(label, "") };
     Figure {
         name: name(metric).to_owned(),
         title: title(metric).to_owned(),

@@ -33,9 +33,12 @@ pub fn response(report: &Report, subject: &str) -> Result<Figure, Unreadable> {
         return Err(Unreadable::Kind { kind: report.kind.to_string() });
     };
     let origin = ReportOrigin { subject: subject.to_owned() };
+    let channel = |name: &str| report.provenance.spec.get(name).and_then(|own| own.as_str()).map(str::to_owned);
+    let between = channel("input").zip(channel("output"));
+    let between = between.map_or_else(String::new, |(input, output)| format!(" from {input} to {output}"));
     Ok(Figure {
         name: NAME.to_owned(),
-        title: format!("{subject}: frequency response"),
+        title: format!("{subject}: frequency response{between}"),
         description: found.finding,
         caption: format!("{} {}", found.caption, origin.caption(report)),
         sampling: String::new(),

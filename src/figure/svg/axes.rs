@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 
 /// Pixels between ticks, about.
 const APART_X: f64 = 78.0;
-const APART_Y: f64 = 38.0;
+const APART_Y: f64 = 29.0;
 
 /// The ticks of an axis over a length in pixels, each with its place from the beginning.
 fn placed(axis: &Axis, length: f64, apart: f64) -> Vec<(f64, String)> {

@@ -62,11 +62,9 @@ pub(super) fn write(out: &mut String, x: &Axis, panel: &Panel, frame: &Frame, na
         }
         let (at, anchor) = match rule.kind {
             RuleKind::Border => ([frame.x + place * frame.width + 4.0, frame.y + 11.0], "start"),
-            // Below the line where there is no room above it.
             _ => {
-                let y = (1.0 - place) * frame.height;
-                let y = if y < 14.0 { y + 14.0 } else { y - 4.0 };
-                ([frame.x + frame.width - 2.0, frame.y + y], "end")
+                let y = frame.y + (1.0 - place) * frame.height - 4.0;
+                ([frame.x + frame.width - 2.0, y], "end")
             }
         };
         text(out, "f-rim", at, &format!("text-anchor=\"{anchor}\""), &rule.label);

@@ -11,9 +11,8 @@ use std::fmt::Write as _;
 /// Fewer samples than this in sight have a dot each.
 const DOTS: usize = 40;
 
-/// A column whose samples lie further apart than this, in tenths of a pixel, is a bar: its ends are written in whole
-/// pixels.
-const BAR: Tenths = 80;
+/// A column whose samples lie further apart than this, in pixels, is a bar: its ends are written in whole pixels.
+const BAR: f64 = 8.0;
 
 /// Between the lines of a hatching, in pixels.
 const HATCH: f64 = 7.0;
@@ -133,7 +132,10 @@ fn by_samples(plot: &Plot<'_>, series: &Series) -> String {
     path.finish()
 }
 
-/// A line through samples that stand closer than pixels: each in the middle of its column.
+/// A line through samples that stand closer than pixels, column by column.
+///
+/// Where they only rise or only fall within a column, the line goes straight from the first to the last of them;
+/// otherwise it goes up and down in the middle of the column.
 fn by_columns(plot: &Plot<'_>, series: &Series) -> String {
     let column = |x: f64| (plot.x.position(x) * plot.frame.width).floor() as Tenths;
     let mut path = Path::default();
@@ -148,12 +150,19 @@ fn by_columns(plot: &Plot<'_>, series: &Series) -> String {
         let own = column(series.x[at]);
         let together = |i: &usize| series.y[*i].is_some() && column(series.x[*i]) == own;
         let end = at + (at..series.x.len()).take_while(together).count();
-        let heights: Vec<Tenths> = series.y[at..end].iter().filter_map(|y| y.map(|y| tenths(plot.y(y)))).collect();
-        let (least, most) = (heights.iter().min(), heights.iter().max());
-        let is_bar = least.zip(most).is_some_and(|(least, most)| most - least > BAR);
-        for height in heights {
-            let height = if is_bar { 10 * (height as f64 / 10.0).round() as Tenths } else { height };
-            let to = [10 * own + 5, height];
+        let samples = series.x[at..end].iter().zip(&series.y[at..end]);
+        let samples: Vec<[f64; 2]> = samples.filter_map(|(x, y)| Some([plot.x(*x), plot.y((*y)?)])).collect();
+        let heights = || samples.iter().map(|sample| sample[1]);
+        let places: Vec<[Tenths; 2]> = if heights().is_sorted() || heights().rev().is_sorted() {
+            // Rounding takes nothing out of its column.
+            let place = |sample: &[f64; 2]| [tenths(sample[0]).clamp(10 * own, 10 * own + 9), tenths(sample[1])];
+            [samples.first(), samples.last()].into_iter().flatten().map(place).collect()
+        } else {
+            let is_bar = heights().fold(f64::MIN, f64::max) - heights().fold(f64::MAX, f64::min) > BAR;
+            let height = |own: f64| if is_bar { 10 * own.round() as Tenths } else { tenths(own) };
+            heights().map(|one| [10 * own + 5, height(one)]).collect()
+        };
+        for to in places {
             if is_down {
                 path.draw(to);
             } else {
