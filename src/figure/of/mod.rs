@@ -2,6 +2,7 @@
 
 pub mod bode;
 pub mod learning_curves;
+pub mod mean_bode;
 mod places;
 pub mod plant_check;
 mod provenance;
