@@ -20,6 +20,7 @@ use axum::response::{IntoResponse, Response};
 use query::Format;
 use schemars::JsonSchema;
 use serde::Serialize;
+use std::sync::Arc;
 
 /// The figures that a thing offers.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
@@ -111,9 +112,11 @@ async fn answer(
     figure: impl FnOnce() -> Result<Figure, Problem> + Send + 'static,
 ) -> ApiResult<Response> {
     query.check()?;
-    let Ok(_permit) = state.figures.acquire().await else { return Err(internal().into()) };
+    let Ok(permit) = Arc::clone(&state.figures).acquire_owned().await else { return Err(internal().into()) };
     let known = headers.clone();
     let drawn = off_thread(move || {
+        // Held until the drawing is done, also where the client went away meanwhile.
+        let _permit = permit;
         let figure = figure()?;
         let tag = match tag {
             Some(tag) => tag,
