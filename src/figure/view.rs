@@ -3,8 +3,8 @@
 use super::decimate::{KEPT, kept};
 use super::value::{Axis, Figure, Mark, Panel, Scale, Series};
 
-/// A y axis that follows its numbers goes on beyond them by this share, and an x axis by this one where there are marks,
-/// which an edge would cut in half.
+/// A y axis that follows its numbers goes on beyond them by this share, and an x axis by this one where there are
+/// marks, which an edge would cut in half.
 const MARGIN: f64 = 0.05;
 const MARGIN_OF_MARKS: f64 = 0.015;
 

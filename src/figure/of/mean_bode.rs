@@ -112,8 +112,8 @@ fn caption(groups: &[GroupResponses], [all, bad]: [usize; 2]) -> String {
     }
     if bad > 0 {
         text.push_str(&format!(
-            " In {bad} of {all} trials the command alone hardly tells feedback from feedforward: the feedback shown is the \
-             choice of the pool."
+            " In {bad} of {all} trials the command alone hardly tells feedback from feedforward: the feedback shown is \
+             the choice of the pool."
         ));
     }
     let mut specs: Vec<String> =

@@ -195,7 +195,7 @@ fn identified(result: &SsidResult) -> Found {
     });
     Found {
         finding: worst,
-        caption: format!("Dots: measured at {} lines; line: the pool's best candidate.", result.fit.len()),
+        caption: format!("Dots: measured at {} lines; line: the pool's best candidate.", data.frequency_hz.len()),
         panels: all,
     }
 }

@@ -235,7 +235,9 @@ async fn studies_and_reports_are_drawn() {
     let report = server.get(&format!("{analysis}/report")).await.json(200);
     let loop_of = server.get(&format!("{analysis}/figures/response?format=json")).await.json(200);
     let dots = &loop_of["panels"][0]["series"][0];
-    for (at, line) in report["result"]["fit"].as_array().unwrap().iter().enumerate() {
+    // A line at 0 Hz has no place on a logarithmic axis.
+    let has_place = |line: &&Value| line["omega_rad_s"].as_f64().unwrap() > 0.0;
+    for (at, line) in report["result"]["fit"].as_array().unwrap().iter().filter(has_place).enumerate() {
         let [re, im] = [0, 1].map(|part| line["h"][part].as_f64().unwrap());
         assert!((dots["y"][at].as_f64().unwrap() - 20.0 * re.hypot(im).log10()).abs() < 1e-9);
     }
