@@ -59,6 +59,10 @@ enum Command {
     ///
     /// Exits with 0, or 2 for a request that makes no sense.
     Compare(app::compare::CompareArgs),
+    /// Draw the figures of a study: the learning curve of every quantity, as files.
+    ///
+    /// Exits with 0, or 2 for a request that makes no sense.
+    Figures(app::figures::FiguresArgs),
     /// Import a folder of trials (CSV files with an index).
     Import(app::import::ImportArgs),
     /// Execute one analysis from a file, without a server: report on standard output, problems on standard error.
@@ -110,6 +114,7 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         }
         Command::Demo(args) => app::block_on(app::demo::demo(&args)),
         Command::Compare(args) => app::block_on(app::compare::compare(&args)),
+        Command::Figures(args) => app::block_on(app::figures::figures(&args)),
         Command::Import(args) => app::block_on(app::import::import(&args)),
         Command::Run { spec, compute_threads, csv, cache } => app::run::run(&spec, compute_threads, csv, &cache),
     }

@@ -47,6 +47,7 @@ pub mod control;
 pub mod convex;
 pub mod ctl;
 pub mod excite;
+pub mod figure;
 pub mod identify;
 pub mod inverse;
 pub mod jobs;

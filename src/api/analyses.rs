@@ -355,12 +355,11 @@ pub(crate) async fn read(analysis: Named<AnalysisView>) -> ApiResult<Response> {
 }
 
 /// The report's text, or why there is none.
-pub(super) async fn report_text(analysis: &Named<AnalysisView>) -> ApiResult<String> {
-    let store = &analysis.state.store;
-    if let Some(text) = store.report_json(analysis.id).await? {
+pub(super) async fn report_text(state: &AppState, id: AnalysisId) -> ApiResult<String> {
+    if let Some(text) = state.store.report_json(id).await? {
         return Ok(text);
     }
-    let record = store.analysis(analysis.id).await?;
+    let record = state.store.analysis(id).await?;
     let status = record.status.name();
     let (title, mend) = match record.status {
         Status::Failed => ("failed", "GET the analysis: its problem says why."),
@@ -376,7 +375,7 @@ pub(super) async fn report_text(analysis: &Named<AnalysisView>) -> ApiResult<Str
     responses((status = 200, description = "The report.", body = Report),
         (status = 409, description = "There is no report: the analysis is not finished, failed, or was cancelled.")))]
 pub(crate) async fn report(analysis: Named<AnalysisView>) -> ApiResult<Response> {
-    let text = report_text(&analysis).await?;
+    let text = report_text(&analysis.state, analysis.id).await?;
     Ok(etag::conditional_bytes(&analysis.headers, "application/json", text.into_bytes()))
 }
 

@@ -6,6 +6,7 @@ use super::problem::{ApiResult, unless_missing};
 use super::state::AppState;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId};
 use crate::analysis::{Analysis as _, Code, Kind, Problem, prediction_error, ssid, two_stimulus};
+use crate::figure::trust::Evidence;
 use crate::learning::inputs::{Estimator, Identification, PlantName, Remark, SubjectInput, TrialInput};
 use crate::learning::{CurveOptions, time_domain::TimeDomainMetrics};
 use crate::num::hexadecimal;
@@ -102,6 +103,8 @@ impl CurveQuery {
 pub(super) struct Gathered {
     pub(crate) subjects: Vec<SubjectInput>,
     pub(crate) remarks: Vec<Remark>,
+    /// What the reports shown say of the trust in them, by analysis.
+    pub(crate) evidence: BTreeMap<String, Evidence>,
 }
 
 /// The trials of a study that the query asks for, with what was identified from them.
@@ -191,6 +194,7 @@ fn assemble(
 ) -> Result<Gathered, Problem> {
     let plants: BTreeMap<PlantId, Plant> = plants.into_iter().map(|plant| (plant.id, plant)).collect();
     let mut remarks = Vec::new();
+    let mut evidence = BTreeMap::new();
     let mut by_trial: BTreeMap<_, Vec<(Estimator, TrialReport)>> = BTreeMap::new();
     for (estimator, report) in reports {
         by_trial.entry(report.trial).or_default().push((estimator, report));
@@ -204,7 +208,10 @@ fn assemble(
         for (estimator, report) in by_trial.remove(&trial.id).unwrap_or_default() {
             match identification(estimator, &report, &plant.model) {
                 Ok(None) => {}
-                Ok(Some(found)) if estimator == shown => identifications.push(found),
+                Ok(Some(found)) if estimator == shown => {
+                    evidence.entry(found.analysis.clone()).or_insert_with(|| Evidence::of(&report.report));
+                    identifications.push(found);
+                }
                 Ok(Some(found)) => by_other_estimators.push(found),
                 Err(_) if estimator != shown => {}
                 Err(why) => remarks.push(Remark {
@@ -237,5 +244,5 @@ fn assemble(
             group: subject.group,
         })
         .collect();
-    Ok(Gathered { subjects, remarks })
+    Ok(Gathered { subjects, remarks, evidence })
 }

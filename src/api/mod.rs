@@ -16,6 +16,7 @@ mod docs;
 mod etag;
 mod events;
 mod extract;
+mod figures;
 mod frequency_responses;
 mod guard;
 mod idempotency;

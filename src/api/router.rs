@@ -4,8 +4,8 @@ use super::guard::guard;
 use super::problem::{HttpProblem, PROBLEM_JSON};
 use super::state::AppState;
 use super::{
-    analyses, comparison, docs, events, frequency_responses, kinds, learning_curves, median_subjects, ops, plants,
-    samples, schema, signals, studies, study_analyses, subjects, trials, upload,
+    analyses, comparison, docs, events, figures, frequency_responses, kinds, learning_curves, median_subjects, ops,
+    plants, samples, schema, signals, studies, study_analyses, subjects, trials, upload,
 };
 use axum::Router;
 use serde_json::Value;
@@ -34,6 +34,7 @@ use utoipa_axum::routes;
         (name = "trials", description = "Recordings: command r, control u, output y, disturbance d."),
         (name = "analyses", description = "Everything that takes longer than a request."),
         (name = "learning", description = "What trials say about learning."),
+        (name = "figures", description = "Trials, reports and learning as pictures and as the numbers in them."),
         (name = "operations", description = "For whoever runs the server."),
     )
 )]
@@ -64,6 +65,12 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(comparison::of_study))
         .routes(routes!(frequency_responses::of_study))
         .routes(routes!(median_subjects::of_study))
+        .routes(routes!(figures::of_trial::list))
+        .routes(routes!(figures::of_trial::read))
+        .routes(routes!(figures::of_study::list))
+        .routes(routes!(figures::of_study::read))
+        .routes(routes!(figures::of_analysis::list))
+        .routes(routes!(figures::of_analysis::read))
         .routes(routes!(ops::healthz))
         .routes(routes!(ops::readyz))
         .routes(routes!(ops::metrics))

@@ -17,7 +17,7 @@ use axum::response::Response;
         (status = 404, description = "There is no such analysis, or its result carries no samples."),
         (status = 409, description = "There is no report: the analysis is not finished, failed, or was cancelled.")))]
 pub(crate) async fn read(analysis: Named<AnalysisView>) -> ApiResult<Response> {
-    let text = report_text(&analysis).await?;
+    let text = report_text(&analysis.state, analysis.id).await?;
     let written = off_thread(move || {
         let report: Report = serde_json::from_str(&text)
             .map_err(|error| Problem::new(Code::Internal, "unreadable report", error.to_string()))?;

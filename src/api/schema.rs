@@ -5,6 +5,7 @@
 
 use super::analyses::{AnalysisList, AnalysisView};
 use super::events::AnalysisEvent;
+use super::figures::FigureList;
 use super::kinds::KindList;
 use super::ops::Health;
 use super::plants::{NewPlantBody, PlantList, PlantPatchBody, PlantView};
@@ -17,6 +18,7 @@ use super::trials::{TrialList, TrialPatchBody, TrialView};
 use super::upload::{UploadForm, Uploaded};
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Kind, Report, Request};
+use crate::figure::Figure;
 use crate::jobs::Status;
 use crate::learning::median_subject::StudyMedianSubjects;
 use crate::learning::{StudyComparison, StudyFrequencyResponses, StudyLearningCurves, SubjectLearningCurve};
@@ -86,6 +88,8 @@ bodies! {
         AnalysisEvent,
         AnalysisView,
         BulkAnswer,
+        Figure,
+        FigureList,
         Health,
         HttpProblem,
         KindList,

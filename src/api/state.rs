@@ -50,6 +50,9 @@ impl Default for Limits {
     }
 }
 
+/// Figures that are drawn at the same time; others wait. A picture for print takes some 50 MB.
+const FIGURES_AT_ONCE: usize = 2;
+
 /// What every handler shares; cheap to clone.
 #[derive(Debug, Clone)]
 pub struct AppState {
@@ -60,6 +63,8 @@ pub struct AppState {
     /// Cancelled when the server begins to drain: event streams end, so that connections can close.
     pub shutdown: CancellationToken,
     pub(super) uploads: Arc<Semaphore>,
+    /// Held while a figure is drawn.
+    pub(super) figures: Arc<Semaphore>,
     /// Held while free numbers are looked up and taken, so that uploads at the same time do not chase one another.
     pub(super) numbering: Arc<Mutex<()>>,
     pub(super) telemetry: Arc<HttpTelemetry>,
@@ -76,6 +81,7 @@ impl AppState {
             limits: Limits::default(),
             shutdown: CancellationToken::new(),
             uploads: Arc::new(Semaphore::new(Limits::default().concurrent_uploads)),
+            figures: Arc::new(Semaphore::new(FIGURES_AT_ONCE)),
             numbering: Arc::default(),
             telemetry: Arc::default(),
             cache: Arc::default(),

@@ -1,11 +1,11 @@
 //! `volition compare STUDY`: the groups of a study, from its database.
 
-use super::{Answer, ask};
+use super::{Answer, ask, encoded, find_study};
 use crate::learning::StudyComparison;
 use crate::learning::comparison::people::Contrast;
 use crate::learning::comparison::report::ComparedGroup;
 use crate::learning::comparison::text::{number, symbol};
-use crate::store::{Page, Store};
+use crate::store::Store;
 use anyhow::{Context as _, bail};
 use clap::Args;
 use std::io::{self, Write};
@@ -14,7 +14,6 @@ use std::process::ExitCode;
 
 /// The request makes no sense.
 const REFUSED: u8 = 2;
-const PAGE: u32 = 500;
 const CELL: usize = 26;
 
 /// Which study, and how its groups are compared: the parameters of `GET /v1/studies/{study}/comparison`.
@@ -88,15 +87,6 @@ impl CompareArgs {
     }
 }
 
-/// Percent-encoded.
-fn encoded(text: &str) -> String {
-    let one = |byte: u8| match byte {
-        b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b',' => char::from(byte).to_string(),
-        other => format!("%{other:02X}"),
-    };
-    text.bytes().map(one).collect()
-}
-
 /// Compares, prints, and says by the exit code whether the request was refused (2).
 ///
 /// # Errors
@@ -112,7 +102,7 @@ pub async fn compare(args: &CompareArgs) -> anyhow::Result<ExitCode> {
 }
 
 async fn print(args: &CompareArgs, store: &Store, out: &mut impl Write) -> anyhow::Result<ExitCode> {
-    let study = find(store, &args.study).await?;
+    let study = find_study(store, &args.study).await?;
     let path = format!("/v1/studies/{study}/comparison?{}", args.query());
     let body = match ask(store, &path).await? {
         Answer::Body(body) => body,
@@ -131,25 +121,6 @@ async fn print(args: &CompareArgs, store: &Store, out: &mut impl Write) -> anyho
         write(out, &comparison)?;
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// The id of the study with this id or name.
-async fn find(store: &Store, wanted: &str) -> anyhow::Result<String> {
-    let mut after = None;
-    let mut found = Vec::new();
-    loop {
-        let page = store.studies(Page { after, limit: PAGE }).await?;
-        found.extend(page.iter().filter(|s| s.name == wanted || s.id.to_string() == wanted).map(|s| s.id.to_string()));
-        match page.last() {
-            Some(last) if page.len() == PAGE as usize => after = Some(last.id.0),
-            _ => break,
-        }
-    }
-    match found.as_slice() {
-        [] => bail!("there is no study {wanted:?}"),
-        [one] => Ok(one.clone()),
-        several => bail!("{} studies are called {wanted:?}: give an id ({})", several.len(), several.join(", ")),
-    }
 }
 
 /// A table of means, then what was found, in sentences.

@@ -58,6 +58,23 @@ pub enum ValidationError {
     ConstantOutput,
 }
 
+/// The control and the output of the loop, simulated from rest on a trial's command (and disturbance).
+///
+/// # Errors
+/// [`ValidationError`] where the loop cannot be simulated on this trial.
+pub fn simulated_loop(
+    trial: &Trial,
+    plant: &System,
+    feedforward: &System,
+    feedback: &System,
+) -> Result<LoopResponse, ValidationError> {
+    match (plant, feedforward, feedback) {
+        (System::Continuous(g), System::Continuous(ff), System::Continuous(fb)) => continuous(trial, g, ff, fb),
+        (System::Discrete(g), System::Discrete(ff), System::Discrete(fb)) => sampled(trial, g, ff, fb),
+        _ => Err(ValidationError::MixedTimeBases),
+    }
+}
+
 /// Simulates the loop on a trial's command (and disturbance) and compares with the recording, over all frequencies and
 /// within a band in rad/s: above the lines that it was fitted to a model is whatever its structure makes it.
 ///
@@ -70,11 +87,7 @@ pub fn simulated_vaf(
     feedback: &System,
     band_rad_s: [f64; 2],
 ) -> Result<SimulatedVaf, ValidationError> {
-    let response = match (plant, feedforward, feedback) {
-        (System::Continuous(g), System::Continuous(ff), System::Continuous(fb)) => continuous(trial, g, ff, fb)?,
-        (System::Discrete(g), System::Discrete(ff), System::Discrete(fb)) => sampled(trial, g, ff, fb)?,
-        _ => return Err(ValidationError::MixedTimeBases),
-    };
+    let response = simulated_loop(trial, plant, feedforward, feedback)?;
     let output = accounted_for(&trial.signals.output, &response.output).ok_or(ValidationError::ConstantOutput)?;
     let (control, control_unavailable) = match &response.control {
         None => (None, Some("the feedforward is improper, so the model's control is no function of time".to_owned())),

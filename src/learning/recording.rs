@@ -168,10 +168,29 @@ fn mismatch(trial: &Trial, plant: &Model) -> Option<Doubt> {
 /// plant that cannot be sampled, an output that never moves).
 #[must_use]
 pub fn explained_output(trial: &Trial, plant: &Model) -> Option<f64> {
+    predicted_output(trial, plant).map(|found| found.explained)
+}
+
+/// What the plant makes of a trial's control and disturbance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PredictedOutput {
+    /// ŷ = G (u + d) from the initial states that fit best, one value for each sample, in the unit of y.
+    pub output: Vec<f64>,
+    /// `1 − Σ (y − ŷ)² / Σ (y − mean y)²`.
+    pub explained: f64,
+    /// In how many pieces the recording was judged, each from its own initial state.
+    pub pieces: usize,
+}
+
+/// The output that follows from the control through the plant; `None` as of [`explained_output`].
+#[must_use]
+pub fn predicted_output(trial: &Trial, plant: &Model) -> Option<PredictedOutput> {
     let signals = &trial.signals;
     let models = sampled(plant, trial.sample_time_s)?;
-    let share = |model| explained(model, &signals.control, signals.disturbance.as_deref(), &signals.output);
-    models.iter().filter_map(share).reduce(f64::max)
+    let fit = |model| fitted(model, &signals.control, signals.disturbance.as_deref(), &signals.output);
+    let best = models.iter().filter_map(fit).reduce(|a, b| if b.explained > a.explained { b } else { a })?;
+    let output = signals.output.iter().zip(&best.residual).map(|(y, missed)| y - missed).collect();
+    Some(PredictedOutput { output, explained: best.explained, pieces: best.pieces })
 }
 
 /// The plant between samples: with its input held, and with its input going straight on.
@@ -190,6 +209,23 @@ fn sampled(plant: &Model, sample_time_s: f64) -> Option<Vec<StateSpace<Discrete>
 }
 
 fn explained(model: &StateSpace<Discrete>, input: &[f64], disturbance: Option<&[f64]>, output: &[f64]) -> Option<f64> {
+    fitted(model, input, disturbance, output).map(|fit| fit.explained)
+}
+
+/// A model's output fitted to a recording.
+struct FittedOutput {
+    /// y − ŷ.
+    residual: Vec<f64>,
+    explained: f64,
+    pieces: usize,
+}
+
+fn fitted(
+    model: &StateSpace<Discrete>,
+    input: &[f64],
+    disturbance: Option<&[f64]>,
+    output: &[f64],
+) -> Option<FittedOutput> {
     let states = model.states();
     let fastest = model.poles().ok()?.iter().map(|p| p.norm()).fold(0.0, f64::max);
     let least = PIECE + 10 * states;
@@ -202,24 +238,27 @@ fn explained(model: &StateSpace<Discrete>, input: &[f64], disturbance: Option<&[
     let mean = output.iter().sum::<f64>() / output.len() as f64;
     let variation: f64 = output.iter().map(|y| (y - mean).powi(2)).sum();
     let mut missed = 0.0;
+    let mut residual = Vec::with_capacity(output.len());
     let pieces = (output.len() / length).max(1);
     for piece in 0..pieces {
         // The last one takes what is left over: less than as much again.
         let end = if piece + 1 == pieces { output.len() } else { (piece + 1) * length };
-        missed += missed_by(model, input, disturbance, output, piece * length..end)?;
+        let own = missed_by(model, input, disturbance, output, piece * length..end)?;
+        missed += own.norm_squared();
+        residual.extend_from_slice(own.as_slice());
     }
-    let share = 1.0 - missed / variation;
-    share.is_finite().then_some(share)
+    let explained = 1.0 - missed / variation;
+    explained.is_finite().then_some(FittedOutput { residual, explained, pieces })
 }
 
-/// `min Σ (y − ŷ)²` over the initial state of a piece.
+/// `y − ŷ` with the initial state of a piece that makes `Σ (y − ŷ)²` least.
 fn missed_by(
     model: &StateSpace<Discrete>,
     input: &[f64],
     disturbance: Option<&[f64]>,
     output: &[f64],
     piece: std::ops::Range<usize>,
-) -> Option<f64> {
+) -> Option<DVector<f64>> {
     let states = model.states();
     let (a, b, c, d) = (model.a(), model.b().column(0), model.c().row(0), model.d()[(0, 0)]);
     let samples = piece.len();
@@ -235,7 +274,7 @@ fn missed_by(
         free = &free * a;
     }
     if states == 0 {
-        return Some(left.norm_squared());
+        return Some(left);
     }
     let scale = DVector::from_fn(states, |j, _| columns.column(j).norm().max(f64::MIN_POSITIVE));
     for j in 0..states {
@@ -246,7 +285,8 @@ fn missed_by(
     let start = linalg::solve_symmetric(&gram, &DMatrix::from_column_slice(states, 1, right.as_slice()));
     let residual = &left - &columns * start.column(0);
     let missed = residual.norm_squared();
-    missed.is_finite().then_some(missed.min(left.norm_squared()))
+    // Where rounding spoils the fit, the state of rest is the better one.
+    missed.is_finite().then(|| if missed <= left.norm_squared() { residual } else { left })
 }
 
 #[cfg(test)]

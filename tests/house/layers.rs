@@ -48,10 +48,12 @@ const ARROWS: &[(&str, &[&str])] = &[
             "two_stimulus",
         ],
     ),
+    // What is drawn of results; loops are simulated once more for the picture, and people for the tests.
+    ("figure", &["analysis", "control", "identify", "learning", "num", "plants", "simulate", "trial"]),
     ("jobs", &["analysis", "ctl"]),
     ("store", &["analysis", "control", "ctl", "jobs", "num", "trial"]),
     ("worker", &["analysis", "cache", "control", "ctl", "identify", "jobs", "num", "store"]),
-    ("api", &["analysis", "cache", "control", "ctl", "excite", "jobs", "learning", "num", "store", "trial"]),
+    ("api", &["analysis", "cache", "control", "ctl", "excite", "figure", "jobs", "learning", "num", "store", "trial"]),
     ("app", &["*"]),
     ("cli", &["*"]),
     ("config", &["*"]),

@@ -7,6 +7,7 @@ mod conditional;
 mod designs;
 mod events;
 mod excitation;
+mod figures;
 mod gain_fit;
 mod harness;
 mod inverse;

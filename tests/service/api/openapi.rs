@@ -52,6 +52,15 @@ struct Call {
     status: u16,
 }
 
+/// A figure that what the route names has.
+fn figure_of(route: &str) -> &'static str {
+    match route {
+        _ if route.contains("/trials/") => "signals",
+        _ if route.contains("/studies/") => "mean_abs_error",
+        _ => "response",
+    }
+}
+
 #[tokio::test]
 async fn every_operation_succeeds_over_http() {
     let server = TestServer::start().await;
@@ -110,6 +119,12 @@ async fn every_operation_succeeds_over_http() {
         call("GET", "/v1/studies/{study}/comparison", None, 200),
         call("GET", "/v1/studies/{study}/frequency-responses", None, 200),
         call("GET", "/v1/studies/{study}/median-subjects", None, 200),
+        call("GET", "/v1/trials/{trial}/figures", None, 200),
+        call("GET", "/v1/trials/{trial}/figures/{name}", None, 200),
+        call("GET", "/v1/studies/{study}/figures", None, 200),
+        call("GET", "/v1/studies/{study}/figures/{name}", None, 200),
+        call("GET", "/v1/analyses/{analysis}/figures", None, 200),
+        call("GET", "/v1/analyses/{analysis}/figures/{name}", None, 200),
         call("DELETE", "/v1/analyses/{analysis}", None, 204),
         call("DELETE", "/v1/trials/{trial}", None, 204),
         call("DELETE", "/v1/subjects/{subject}", None, 204),
@@ -135,7 +150,8 @@ async fn every_operation_succeeds_over_http() {
             .replace("{plant}", &lab.plant)
             .replace("{subject}", &lab.subject)
             .replace("{trial}", &trial)
-            .replace("{analysis}", &done);
+            .replace("{analysis}", &done)
+            .replace("{name}", figure_of(route));
         let mut request = server.request(method, &format!("{path}{query}"));
         if let Some(body) = &body {
             request = request.json(body);

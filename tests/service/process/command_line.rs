@@ -277,3 +277,32 @@ fn run_keeps_trees_in_the_users_cache_or_where_it_is_asked_to() {
     let output = volition(&["run", "-", "--cache-gib=-1"]).output().unwrap();
     assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
 }
+
+#[tokio::test]
+async fn figures_of_a_study_are_written() {
+    use volition::store::{NewStudy, Store};
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("lab.db");
+    let store = Store::open(Some(&database)).await.unwrap();
+    let study = NewStudy { name: "two groups".into(), description: String::new(), display_limit: None };
+    store.create_study(study, None).await.unwrap();
+    store.close().await;
+    let out = folder.path().join("drawn");
+    let (database, path) = (database.to_str().unwrap(), out.to_str().unwrap());
+    let call = |more: &[&str]| {
+        let words = [&["figures", "two groups", "--database", database, "--out", path], more].concat();
+        volition(&words).stdout(Stdio::piped()).stderr(Stdio::piped()).output().unwrap()
+    };
+    let done = call(&["--format", "svg", "--width", "320"]);
+    assert_eq!(done.status.code(), Some(0), "{}", String::from_utf8_lossy(&done.stderr));
+    let printed = String::from_utf8(done.stdout).unwrap();
+    assert_eq!(printed.lines().count(), 7, "{printed}");
+    for line in printed.lines() {
+        let text = std::fs::read_to_string(line).unwrap();
+        // The width of a column of a paper, in its own measure.
+        assert!(text.starts_with("<svg ") && text.contains("width=\"84.67mm\""), "{line}: {text:.200}");
+    }
+    let refused = call(&["--format", "pdf"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert_eq!(problem(&refused)["where"], "query parameter format");
+}

@@ -1,0 +1,167 @@
+//! Figures of an analysis.
+
+use super::of_trial::Shown;
+use super::{FigureList, FigureName, FigureQuery, Offered, answer};
+use crate::analysis::ids::{AnalysisId, TrialId};
+use crate::analysis::{
+    Analysis as _, Code, Kind, Plan, Problem, References, Report, Request, frequency_response, prediction_error, ssid,
+    two_stimulus,
+};
+use crate::api::analyses::{AnalysisPath, AnalysisView, report_text};
+use crate::api::etag::{self, IfNoneMatch};
+use crate::api::extract::{Id, Params, off_thread};
+use crate::api::named::Named;
+use crate::api::problem::ApiResult;
+use crate::api::state::AppState;
+use crate::control::Model;
+use crate::figure::Figure;
+use crate::figure::of::bode::{self, Origin, Unreadable, bode};
+use crate::figure::of::response::{self, response};
+use crate::figure::of::simulated::{self, simulated};
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::Response;
+use utoipa::IntoParams;
+
+const BODE: Offered = Offered { name: bode::NAME, title: "Gff, Gfb and Gff·G with their bands" };
+const RESPONSE: Offered = Offered { name: response::NAME, title: "The closed loop's frequency response" };
+const SIMULATED: Offered = Offered { name: simulated::NAME, title: "The recording against the identified loop" };
+
+/// What a report of a kind can be drawn as.
+fn offered(kind: Kind, has_trial: bool) -> Vec<Offered> {
+    if kind == ssid::Plan::KIND {
+        let mut all = vec![BODE, RESPONSE];
+        all.extend(has_trial.then_some(SIMULATED));
+        all
+    } else if kind == two_stimulus::Plan::KIND || kind == prediction_error::Plan::KIND {
+        vec![BODE]
+    } else if kind == frequency_response::Plan::KIND {
+        vec![RESPONSE]
+    } else {
+        Vec::new()
+    }
+}
+
+/// Names a figure of an analysis in the path.
+#[derive(Debug, IntoParams)]
+#[into_params(parameter_in = Path)]
+#[allow(dead_code, reason = "documents the path")]
+pub(crate) struct AnalysisFigurePath {
+    /// The analysis.
+    analysis: AnalysisId,
+    /// The figure's name, one of those that the analysis lists.
+    name: String,
+}
+
+/// The stored things that an analysis names; specs can be large, so this is work for a blocking thread.
+async fn references(request: Request) -> ApiResult<References> {
+    Ok(off_thread(move || Plan::parse(&request).map(|plan| plan.references())).await??)
+}
+
+/// What an analysis is about.
+struct About {
+    subject: String,
+    trials: Vec<String>,
+    plant: Option<Model>,
+    first: Option<Shown>,
+}
+
+impl About {
+    async fn read(state: &AppState, request: Request) -> ApiResult<Self> {
+        let inline = request.inputs.get("plant").and_then(|plant| serde_json::from_value::<Model>(plant.clone()).ok());
+        let References { trials, plants } = references(request).await?;
+        let shown = |id: Option<TrialId>| async move {
+            match id {
+                Some(id) => Shown::read(state, id).await.map(Some),
+                None => Ok(None),
+            }
+        };
+        let (first, last) = (shown(trials.first().copied()).await?, shown(trials.last().copied()).await?);
+        let name = |shown: &Option<Shown>| shown.as_ref().map_or_else(String::new, |shown| shown.origin().name());
+        let subject = match trials.len() {
+            0 => "data of the request".to_owned(),
+            1 => name(&first),
+            count => format!("{count} trials, {} to {}", name(&first), name(&last)),
+        };
+        // Of several trials the first and the last are named.
+        let mut names = vec![String::new(); trials.len()];
+        names.iter_mut().for_each(|own| *own = "trial".to_owned());
+        for (own, shown) in [(0, &first), (trials.len().saturating_sub(1), &last)] {
+            if let Some(slot) = names.get_mut(own) {
+                *slot = name(shown);
+            }
+        }
+        let plant = match (inline, plants.first()) {
+            (Some(model), _) => Some(model),
+            (None, Some(id)) => Some(state.store.plant(*id).await?.model),
+            (None, None) => first.as_ref().map(|first| first.plant.model.clone()),
+        };
+        Ok(Self { subject, trials: names, plant, first })
+    }
+}
+
+/// Lists the figures of an analysis: those of its kind.
+#[utoipa::path(get, path = "/v1/analyses/{analysis}/figures", tag = "figures",
+    operation_id = "list_analysis_figures", params(AnalysisPath, IfNoneMatch),
+    responses((status = 200, description = "The figures by name.", body = FigureList)))]
+pub(crate) async fn list(analysis: Named<AnalysisView>) -> ApiResult<Response> {
+    let record = analysis.state.store.analysis(analysis.id).await?;
+    let has_trial = !references(record.request).await?.trials.is_empty();
+    let all = offered(record.kind, has_trial);
+    etag::conditional(&analysis.headers, &FigureList::new(&format!("/v1/analyses/{}", analysis.id), &all))
+}
+
+/// Draws a figure of a report: the controllers (`bode`), the closed loop's response (`response`), or the recording
+/// against the identified loop (`simulated`), whichever its kind has.
+#[utoipa::path(get, path = "/v1/analyses/{analysis}/figures/{name}", tag = "figures",
+    operation_id = "draw_analysis_figure", params(AnalysisFigurePath, FigureQuery, IfNoneMatch),
+    responses(
+        (status = 200, description = "The figure.",
+            content((String = "image/svg+xml"), (String = "image/png"), (String = "text/csv"),
+                (Figure = "application/json"))),
+        (status = 409, description = "There is no report: the analysis is not finished, failed, or was cancelled; or \
+            it is of another version."),
+        (status = 422, description = "There is nothing in view, a picture needs colours, or the report has nothing to \
+            draw.")))]
+pub(crate) async fn read(
+    State(state): State<AppState>,
+    Id(id): Id<AnalysisId>,
+    name: FigureName,
+    Params(query): Params<FigureQuery>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let record = state.store.analysis(id).await?;
+    let about = About::read(&state, record.request).await?;
+    let name = name.among(&offered(record.kind, about.first.is_some()))?;
+    let text = report_text(&state, id).await?;
+    let trial = match &about.first {
+        Some(first) if name == simulated::NAME => Some(state.store.trial_signals(first.record.id).await?),
+        _ => None,
+    };
+    let figure = move || {
+        let report: Report = serde_json::from_str(&text)
+            .map_err(|error| Problem::new(Code::Internal, "unreadable report", error.to_string()))?;
+        let found = match (name, &about.first, &trial) {
+            (simulated::NAME, Some(first), Some(trial)) => {
+                simulated(&report, trial, &first.origin(), about.plant.as_ref())
+            }
+            (response::NAME, ..) => response(&report, &about.subject),
+            _ => {
+                let sample_time_s = about.first.as_ref().map(|first| first.record.sample_time_s);
+                let (subject, trials, plant) = (&*about.subject, &*about.trials, about.plant.as_ref());
+                bode(&report, &Origin { subject, trials, plant, sample_time_s })
+            }
+        };
+        found.map_err(|error| problem(&error))
+    };
+    answer(&state, &headers, query, None, figure).await
+}
+
+fn problem(error: &Unreadable) -> Problem {
+    match error {
+        Unreadable::Kind { .. } => Problem::new(Code::NotFound, "no such figure", error.to_string()),
+        Unreadable::Form(_) => Problem::new(Code::Conflict, "a report of another version", error.to_string())
+            .mend("Queue the analysis again."),
+        Unreadable::Nothing(_) => Problem::new(Code::Invalid, "nothing to draw", error.to_string()),
+    }
+}

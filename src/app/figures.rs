@@ -1,0 +1,85 @@
+//! `volition figures STUDY --out DIR`: what a study offers to see, as files.
+
+use super::{Answer, ask, find_study};
+use crate::store::Store;
+use anyhow::{Context as _, bail};
+use clap::Args;
+use serde_json::Value;
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// The request makes no sense.
+const REFUSED: u8 = 2;
+
+/// Which study, and how its figures are drawn: the parameters of `GET /v1/studies/{study}/figures/{name}`.
+#[derive(Debug, Clone, Args)]
+pub struct FiguresArgs {
+    /// The study, by id or by name.
+    pub study: String,
+    /// The folder that the files are written to; it is made where it is not there, and files of these names are
+    /// replaced.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Database file.
+    #[arg(long, value_name = "FILE", default_value = "volition.db", env = "VOLITION_DATABASE")]
+    pub database: PathBuf,
+    /// The form of the files: svg, png, csv or json.
+    #[arg(long, value_name = "NAME", default_value = "svg")]
+    pub format: String,
+    /// How they are dressed: light, dark or paper.
+    #[arg(long, value_name = "NAME", default_value = "paper")]
+    pub theme: String,
+    /// Their width in pixels, 96 an inch: 320 are 85 mm, 680 are 180 mm.
+    #[arg(long, value_name = "PIXELS", default_value = "680")]
+    pub width: String,
+    /// How the controllers shown were estimated: ssid, ssid_refined, two_stimulus or prediction_error.
+    #[arg(long, value_name = "NAME", default_value = "ssid")]
+    pub estimator: String,
+}
+
+/// Draws, writes, and prints the names of the files; says by the exit code whether the request was refused (2).
+///
+/// # Errors
+/// When there is no such database or study, the database fails, or a file cannot be written.
+pub async fn figures(args: &FiguresArgs) -> anyhow::Result<ExitCode> {
+    if !args.database.exists() {
+        bail!("there is no database {}; name it with --database", args.database.display());
+    }
+    let store = Store::open(Some(&args.database)).await?;
+    let outcome = write(args, &store, &mut io::stdout().lock()).await;
+    store.close().await;
+    outcome
+}
+
+async fn write(args: &FiguresArgs, store: &Store, out: &mut impl Write) -> anyhow::Result<ExitCode> {
+    let study = find_study(store, &args.study).await?;
+    let Answer::Body(list) = ask(store, &format!("/v1/studies/{study}/figures")).await? else {
+        bail!("the figures of the study cannot be listed");
+    };
+    let list: Value = serde_json::from_slice(&list).context("the list of figures cannot be read")?;
+    let query: Vec<String> =
+        [("format", &args.format), ("theme", &args.theme), ("w", &args.width), ("estimator", &args.estimator)]
+            .into_iter()
+            .map(|(name, value)| format!("{name}={}", super::encoded(value)))
+            .collect();
+    std::fs::create_dir_all(&args.out).with_context(|| format!("{} cannot be made", args.out.display()))?;
+    for figure in list["figures"].as_array().into_iter().flatten() {
+        let (Some(name), Some(link)) = (figure["name"].as_str(), figure["link"].as_str()) else {
+            bail!("the list of figures cannot be read");
+        };
+        let body = match ask(store, &format!("{link}?{}", query.join("&"))).await? {
+            Answer::Body(body) => body,
+            Answer::Problem(body) => {
+                let mut err = io::stderr().lock();
+                err.write_all(&body)?;
+                writeln!(err)?;
+                return Ok(ExitCode::from(REFUSED));
+            }
+        };
+        let file = args.out.join(format!("{name}.{}", args.format));
+        std::fs::write(&file, body).with_context(|| format!("{} cannot be written", file.display()))?;
+        writeln!(out, "{}", file.display())?;
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,261 @@
+//! Figures over HTTP.
+
+use crate::api::harness::{Answer, Lab, TestServer};
+use axum::http::header::IF_NONE_MATCH;
+use resvg::tiny_skia::Pixmap;
+use roxmltree::Document;
+use serde_json::{Value, json};
+use volition::simulate::reference_signals::chirp60;
+use volition::simulate::subject::SimulatedSubject;
+
+const SAMPLE_TIME_S: f64 = 0.05;
+
+/// A simulated person's recording as CSV.
+fn simulated(seed: u64, number: u32) -> String {
+    let plant = volition::plants::catalogue::minimum_phase();
+    let subject = SimulatedSubject::new(&plant, SAMPLE_TIME_S, seed).unwrap();
+    let trial = subject.trial(number, &chirp60(SAMPLE_TIME_S), None).unwrap();
+    let mut csv = Vec::new();
+    volition::trial::write::csv(&trial, &mut csv).unwrap();
+    String::from_utf8(csv).unwrap()
+}
+
+async fn upload(server: &TestServer, lab: &Lab, seed: u64, number: u32) -> String {
+    let query = format!("&number={number}&sample_time_s={SAMPLE_TIME_S}");
+    server.upload_csv(lab, &query, simulated(seed, number)).await.id(201)
+}
+
+/// The names that a thing lists, each of which must answer in every format, with the same numbers in CSV and JSON as in
+/// the drawing.
+async fn all_of(server: &TestServer, address: &str) -> Vec<String> {
+    let list = server.get(&format!("{address}/figures")).await.json(200);
+    let mut names = Vec::new();
+    for entry in list["figures"].as_array().unwrap() {
+        let (name, link) = (entry["name"].as_str().unwrap(), entry["link"].as_str().unwrap());
+        assert_eq!(link, format!("{address}/figures/{name}"));
+        let svg = server.get(link).await;
+        assert_eq!((svg.status.as_u16(), svg.header("content-type")), (200, "image/svg+xml"), "{}", svg.text());
+        let text = svg.text();
+        let document = Document::parse(&text).unwrap_or_else(|error| panic!("{link}: {error}"));
+        assert_eq!(document.root_element().attribute("data-figure"), Some(name));
+        assert!(text.len() < 80_000, "{link} has {} bytes", text.len());
+        let figure = server.get(&format!("{link}?format=json")).await.json(200);
+        assert_eq!(figure["name"], name);
+        for key in ["title", "description", "caption", "sampling"] {
+            assert!(!figure[key].as_str().unwrap().is_empty(), "{link} has no {key}");
+        }
+        let numbers: usize = figure["panels"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .flat_map(|panel| panel["series"].as_array().unwrap())
+            .map(|series| series["x"].as_array().unwrap().len())
+            .sum();
+        let csv = server.get(&format!("{link}?format=csv")).await;
+        assert_eq!(csv.header("content-type"), "text/csv; charset=utf-8; header=present");
+        assert_eq!(csv.text().lines().count(), numbers + 1, "{link}");
+        let png = server.get(&format!("{link}?format=png&w=320&theme=dark")).await;
+        assert_eq!(png.header("content-type"), "image/png");
+        assert_eq!(Pixmap::decode_png(&png.bytes).unwrap().width(), 640);
+        names.push(name.to_owned());
+    }
+    names
+}
+
+fn etag(answer: &Answer) -> String {
+    answer.header("etag").to_owned()
+}
+
+#[tokio::test]
+async fn trials_are_drawn_as_svg_png_csv_and_json() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let trial = upload(&server, &lab, 1, 1).await;
+    let address = format!("/v1/trials/{trial}");
+    assert_eq!(all_of(&server, &address).await, ["signals", "plant_check"]);
+
+    let signals = format!("{address}/figures/signals");
+    let figure = server.get(&format!("{signals}?format=json&from=10&to=12.5&w=299")).await.json(200);
+    assert_eq!(figure["x"]["range"], json!([10.0, 12.5]));
+    let output = &figure["panels"][0]["series"][1];
+    assert_eq!((&output["name"], &output["ink"]), (&json!("y"), &json!("output")));
+    // 51 samples from 10 s to 12.5 s, and one beyond each end.
+    assert_eq!(output["x"].as_array().unwrap().len(), 53);
+    assert_eq!(figure["sampling"], "all 51 samples");
+    let whole = server.get(&format!("{address}/signals")).await.text();
+    let at = whole.lines().next().unwrap().split(',').position(|name| name == "y").unwrap();
+    let row: Vec<&str> = whole.lines().nth(1 + 200).unwrap().split(',').collect();
+    assert_eq!(output["y"][1].as_f64().unwrap(), row[at].parse::<f64>().unwrap());
+    assert_eq!(output["x"][1], 10.0);
+    assert!(figure["caption"].as_str().unwrap().contains("s01, trial 1 on gm: 1201 samples"), "{figure:.400}");
+    let check = server.get(&format!("{address}/figures/plant_check?format=json")).await.json(200);
+    assert!(check["description"].as_str().unwrap().starts_with("y follows from G·u"), "{check:.400}");
+    server.finish().await;
+}
+
+#[tokio::test]
+async fn drawings_have_tags_that_follow_what_is_drawn() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let trial = upload(&server, &lab, 1, 1).await;
+    for address in
+        [format!("/v1/trials/{trial}/figures/signals"), format!("/v1/studies/{}/figures/rms_error", lab.study)]
+    {
+        let first = server.get(&address).await;
+        let again = server.send(server.request("GET", &address).header(IF_NONE_MATCH, etag(&first))).await;
+        assert_eq!((again.status.as_u16(), again.bytes.len()), (304, 0), "{address}");
+        let mut tags = vec![etag(&first)];
+        for query in ["?format=json", "?theme=dark", "?theme=page", "?w=400", "?from=0.5", "?to=0.9"] {
+            tags.push(etag(&server.get(&format!("{address}{query}")).await));
+        }
+        // 710 and 720 are one width.
+        assert_eq!(etag(&server.get(&format!("{address}?w=710")).await), tags[0]);
+        let count = tags.len();
+        tags.sort();
+        tags.dedup();
+        assert_eq!(tags.len(), count, "{address}: {tags:?}");
+        // The caption or a note has the subject's code.
+        let body = json!({"code": format!("x{}", tags.len())});
+        let code = server.patch(&format!("/v1/subjects/{}", lab.subject), &body).await;
+        assert_eq!(code.status.as_u16(), 200);
+        assert_ne!(etag(&server.get(&address).await), etag(&first), "{address}");
+        server.patch(&format!("/v1/subjects/{}", lab.subject), &json!({"code": "s01"})).await.json(200);
+    }
+    server.finish().await;
+}
+
+#[tokio::test]
+async fn what_cannot_be_drawn_is_said_with_its_place() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let trial = upload(&server, &lab, 1, 1).await;
+    let signals = format!("/v1/trials/{trial}/figures/signals");
+    for (query, status, code, place) in [
+        ("format=pdf", 400, "malformed", "query parameter format"),
+        ("w=279", 400, "malformed", "query parameter w"),
+        ("w=2001", 400, "malformed", "query parameter w"),
+        ("w=wide", 400, "malformed", "query parameter w"),
+        ("theme=sepia", 400, "malformed", "query parameter theme"),
+        ("from=nan", 400, "malformed", "query parameter from"),
+        ("width=400", 400, "malformed", "query parameter width"),
+        ("from=5&to=5", 422, "invalid", "query parameter to"),
+        ("from=61", 422, "invalid", "query parameter to"),
+        ("from=70&to=80", 422, "invalid", "query parameter from"),
+        ("format=png&theme=page", 422, "invalid", "query parameter theme"),
+    ] {
+        let problem = server.get(&format!("{signals}?{query}")).await.problem(status, code);
+        assert_eq!(problem["where"], place, "{query}: {problem}");
+    }
+    let unknown = |answer: Answer, names: &str| {
+        let problem = answer.problem(404, "not_found");
+        assert_eq!(problem["where"], "path parameter name", "{problem}");
+        assert!(problem["mend"].as_str().unwrap().contains(names), "{problem}");
+    };
+    unknown(server.get(&format!("/v1/trials/{trial}/figures/bode")).await, "signals, plant_check");
+    unknown(server.get(&format!("/v1/studies/{}/figures/signals", lab.study)).await, "mean_abs_error, rms_error");
+    let nobody = "0199d2f4-7a3c-7bb0-8a41-2f6a7e1c9d10";
+    for noun in ["trials", "studies", "analyses"] {
+        server.get(&format!("/v1/{noun}/{nobody}/figures")).await.problem(404, "not_found");
+    }
+    server.get(&format!("/v1/trials/{nobody}/figures/signals")).await.problem(404, "not_found");
+    let request = json!({"kind": "frequency_response", "inputs": {"trial": trial}, "spec": {}});
+    let waiting = server.post("/v1/analyses", &request).await.id(202);
+    server.get(&format!("/v1/analyses/{waiting}/figures/response")).await.problem(409, "conflict");
+    server.work().await;
+    server.finish().await;
+}
+
+/// Names from outside stay text in every form of a figure.
+#[tokio::test]
+async fn names_from_outside_are_text() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let evil = "<script>alert(1)</script>";
+    server.patch(&format!("/v1/subjects/{}", lab.subject), &json!({"code": evil, "group": evil})).await.json(200);
+    let trial = upload(&server, &lab, 1, 1).await;
+    for path in
+        [format!("/v1/trials/{trial}/figures/signals"), format!("/v1/studies/{}/figures/mean_abs_error", lab.study)]
+    {
+        let text = server.get(&path).await.text();
+        assert!(!text.contains("<script") && text.contains("&lt;script&gt;alert(1)&lt;/script&gt;"), "{path}");
+    }
+    server.finish().await;
+}
+
+#[tokio::test]
+async fn studies_and_reports_are_drawn() {
+    let server = TestServer::start().await;
+    let mut lab = server.lab().await;
+    for (seed, code) in [(1, "s01"), (2, "s02"), (3, "s03")] {
+        if code != "s01" {
+            lab.subject = server.subject(&lab.study, code).await;
+        }
+        for number in [1, 20] {
+            upload(&server, &lab, seed, number).await;
+        }
+    }
+    let thin = json!({"poles": 12, "zeros": 12, "damping": 4, "gains": 6});
+    let spec = json!({"pool": {"name": "zhang2015_appendix_c", "thin": thin}, "refine": true});
+    let path = format!("/v1/studies/{}/analyses", lab.study);
+    let queued = server.post(&path, &json!({"kind": "ssid", "spec": spec})).await.json(202);
+    let two = server.post(&path, &json!({"kind": "frequency_response"})).await.json(202);
+    let three = server.post(&path, &json!({"kind": "prediction_error"})).await.json(202);
+    server.work().await;
+    let id = |run: &Value| run["analyses"][0]["id"].as_str().unwrap().to_owned();
+
+    let study = format!("/v1/studies/{}", lab.study);
+    assert_eq!(all_of(&server, &study).await.len(), 7);
+    let curve = format!("{study}/figures/norm_feedforward_plant_minus_one?format=json");
+    let figure = server.get(&curve).await.json(200);
+    let curves = server.get(&format!("{study}/learning-curves")).await.json(200);
+    let group = &curves["groups"][0];
+    let series = figure["panels"][0]["series"].as_array().unwrap();
+    let mean = series.iter().find(|one| one["name"] == "gm").unwrap();
+    assert_eq!(mean["x"], json!([1.0, 20.0]));
+    for (at, point) in group["points"].as_array().unwrap().iter().enumerate() {
+        assert_eq!(mean["y"][at], point["metrics"]["norm_feedforward_plant_minus_one"]["mean"]);
+    }
+    for (subject, code) in group["subjects"].as_array().unwrap().iter().zip(["s01", "s02", "s03"]) {
+        let own = series.iter().find(|one| one["name"] == code).unwrap();
+        for (at, point) in subject["curve"]["points"].as_array().unwrap().iter().enumerate() {
+            assert_eq!(own["y"][at], point["norm_feedforward_plant_minus_one"], "{code}");
+        }
+    }
+    // The command alone: the feedback of no trial is to be used.
+    let feedback = server.get(&format!("{study}/figures/norm_feedback?format=json")).await.json(200);
+    let crosses = feedback["panels"][0]["series"].as_array().unwrap().iter().find(|one| one["mark"] == "crosses");
+    assert_eq!(crosses.unwrap()["x"].as_array().unwrap().len(), 6, "{feedback:.2000}");
+    assert!(feedback["description"].as_str().unwrap().contains("no statement"), "{feedback:.600}");
+    let other = format!("{study}/figures/norm_feedback?estimator=prediction_error&format=json");
+    let bars = server.get(&other).await.json(200);
+    assert!(bars["panels"][0]["series"].as_array().unwrap().iter().any(|one| one["mark"] == "bars"), "{bars:.2000}");
+
+    let analysis = format!("/v1/analyses/{}", id(&queued));
+    assert_eq!(all_of(&server, &analysis).await, ["bode", "response", "simulated"]);
+    let report = server.get(&format!("{analysis}/report")).await.json(200);
+    let loop_of = server.get(&format!("{analysis}/figures/response?format=json")).await.json(200);
+    let dots = &loop_of["panels"][0]["series"][0];
+    // A line at 0 Hz has no place on a logarithmic axis.
+    let has_place = |line: &&Value| line["omega_rad_s"].as_f64().unwrap() > 0.0;
+    for (at, line) in report["result"]["fit"].as_array().unwrap().iter().filter(has_place).enumerate() {
+        let [re, im] = [0, 1].map(|part| line["h"][part].as_f64().unwrap());
+        assert!((dots["y"][at].as_f64().unwrap() - 20.0 * re.hypot(im).log10()).abs() < 1e-9);
+    }
+    // The simulation is the one whose share the report gives.
+    let simulated = server.get(&format!("{analysis}/figures/simulated?format=json&w=2000")).await.json(200);
+    let series = |name: &str| -> Vec<f64> {
+        let all = simulated["panels"][0]["series"].as_array().unwrap();
+        let own = all.iter().find(|one| one["name"] == name).unwrap();
+        own["y"].as_array().unwrap().iter().map(|y| y.as_f64().unwrap()).collect()
+    };
+    let (recorded, found) = (series("y, recorded"), series("y, simulated"));
+    let mean = recorded.iter().sum::<f64>() / recorded.len() as f64;
+    let missed: f64 = recorded.iter().zip(&found).map(|(a, b)| (a - b).powi(2)).sum();
+    let share = 1.0 - missed / recorded.iter().map(|y| (y - mean).powi(2)).sum::<f64>();
+    let said = report["result"]["simulated_vaf"]["y"].as_f64().unwrap();
+    assert!((share - said).abs() < 1e-9, "{share} {said}");
+    for run in [&two, &three] {
+        assert_eq!(all_of(&server, &format!("/v1/analyses/{}", id(run))).await.len(), 1);
+    }
+    server.finish().await;
+}
