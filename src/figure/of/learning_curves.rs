@@ -11,13 +11,14 @@ use crate::learning::groups::{GroupCurve, MetricStatistics, Statistics};
 use std::collections::BTreeMap;
 
 /// The quantities that curves are drawn of.
-pub const METRICS: [Metric; 6] = [
+pub const METRICS: [Metric; 7] = [
     Metric::MeanAbsError,
     Metric::RmsError,
     Metric::NormFeedforwardPlantMinusOne,
     Metric::NormFeedforwardMinusInverse,
     Metric::NormFeedback,
     Metric::VarianceAccountedFor,
+    Metric::ControlLogDimensionlessJerk,
 ];
 
 /// Groups beyond so many have a panel each.
@@ -36,6 +37,7 @@ pub fn name(metric: Metric) -> &'static str {
         Metric::NormFeedforwardMinusInverse => "norm_feedforward_minus_inverse",
         Metric::NormFeedforwardPlantMinusOne => "norm_feedforward_plant_minus_one",
         Metric::VarianceAccountedFor => "variance_accounted_for",
+        Metric::ControlLogDimensionlessJerk => "control_log_dimensionless_jerk",
     }
 }
 
@@ -49,6 +51,7 @@ pub fn title(metric: Metric) -> &'static str {
         Metric::NormFeedforwardMinusInverse => "Distance of the feedforward from the plant's inverse, in its unit",
         Metric::NormFeedforwardPlantMinusOne => "Distance of the feedforward from the inverse dynamics",
         Metric::VarianceAccountedFor => "Share of the output that the controllers explain",
+        Metric::ControlLogDimensionlessJerk => "Smoothness of the control, as log dimensionless jerk",
     }
 }
 
@@ -61,6 +64,7 @@ fn phrase(metric: Metric) -> &'static str {
         Metric::NormFeedforwardMinusInverse => "‖Gff − G⁻¹‖",
         Metric::NormFeedforwardPlantMinusOne => "‖Gff G − 1‖",
         Metric::VarianceAccountedFor => "the share explained",
+        Metric::ControlLogDimensionlessJerk => "the smoothness of the control",
     }
 }
 
@@ -74,8 +78,11 @@ fn axis(metric: Metric, units: &Units) -> Axis {
         Metric::NormFeedforwardMinusInverse => Axis::linear("‖Gff − G⁻¹‖", ratio),
         Metric::NormFeedforwardPlantMinusOne => Axis::linear("‖Gff G − 1‖", "1"),
         Metric::VarianceAccountedFor => Axis::linear("variance accounted for", "1"),
+        Metric::ControlLogDimensionlessJerk => Axis::linear("log dimensionless jerk of u", "1"),
     };
     let including: &[f64] = match metric {
+        // A logarithm, whose 0 means nothing.
+        Metric::ControlLogDimensionlessJerk => &[],
         Metric::NormFeedforwardPlantMinusOne | Metric::VarianceAccountedFor => &[0.0, 1.0],
         _ => &[0.0],
     };
@@ -90,6 +97,7 @@ fn statistics(all: &MetricStatistics, metric: Metric) -> &Statistics {
         Metric::NormFeedforwardMinusInverse => &all.norm_feedforward_minus_inverse,
         Metric::NormFeedforwardPlantMinusOne => &all.norm_feedforward_plant_minus_one,
         Metric::VarianceAccountedFor => &all.variance_accounted_for,
+        Metric::ControlLogDimensionlessJerk => &all.control_log_dimensionless_jerk,
     }
 }
 
