@@ -106,7 +106,7 @@ pub fn trust(metric: Metric, point: &CurvePoint, evidence: Option<&Evidence>) ->
     if point.divergent {
         found.push((Level::DoNotUse, "the output passed the display limit".to_owned()));
     }
-    let is_measured = matches!(metric, Metric::MeanAbsError | Metric::RmsError);
+    let is_measured = matches!(metric, Metric::MeanAbsError | Metric::RmsError | Metric::ControlLogDimensionlessJerk);
     if !is_measured && point.value(metric).is_none() {
         let why = point.missing.clone().unwrap_or_else(|| "it has no value".to_owned());
         return Trust { level: Level::NotIdentified, because: vec![why] };
@@ -114,7 +114,7 @@ pub fn trust(metric: Metric, point: &CurvePoint, evidence: Option<&Evidence>) ->
     if let Some(value) = point.value(metric).filter(|_| !is_measured) {
         identified(metric, value, point, evidence, &mut found);
     }
-    found.sort_by(|a, b| b.0.cmp(&a.0));
+    found.sort_by_key(|(level, _)| std::cmp::Reverse(*level));
     let level = found.first().map_or(Level::Ok, |(level, _)| *level);
     Trust { level, because: found.into_iter().map(|(_, why)| why).collect() }
 }

@@ -105,7 +105,7 @@ fn random_design(stream: &mut Stream, round: usize) -> Design {
     ];
     let (control_weight, perceived_measurement_noise) = (shape(m), shape(p));
     let instrument = (round % 2 == 1).then(|| shape(p) * 0.1);
-    let control = (round % 3 > 0).then(|| shape(m) * 0.1);
+    let control = (!round.is_multiple_of(3)).then(|| shape(m) * 0.1);
     Design {
         plant,
         terms,

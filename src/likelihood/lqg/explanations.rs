@@ -125,13 +125,16 @@ pub fn twin_persons(design: &Design, theta: &[f64]) -> Result<Vec<TwinPerson>, T
     Ok(found.into_iter().map(one).collect())
 }
 
+/// How the coefficients of a role's terms follow from a gain, where they do.
+type Coefficients<'a> = &'a dyn Fn() -> Option<Vec<f64>>;
+
 /// The parameters whose gains come near to these, with the noises of θ.
 fn parameters(design: &Design, theta: &[f64], k: &DMatrix<f64>, l: &DMatrix<f64>) -> Option<Vec<f64>> {
     let predictor = if design.timing == Timing::Filter { &design.plant.a * l } else { l.clone() };
     let mut theta = theta.to_vec();
     let regulator = || coefficients_of_regulator(design, k);
     let filter = || coefficients_of_filter(design, &predictor);
-    let roles: [(Role, &dyn Fn() -> Option<Vec<f64>>); 2] =
+    let roles: [(Role, Coefficients<'_>); 2] =
         [(Role::StateWeight, &regulator), (Role::PerceivedProcessNoise, &filter)];
     for (role, find) in roles {
         let of_role = design.free().enumerate().filter(|(_, term)| term.role == role);

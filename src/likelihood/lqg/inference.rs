@@ -124,7 +124,7 @@ pub(super) fn local(problem: &Problem<'_>, best: &Climbed, ctl: &Ctl) -> Result<
             _ => None,
         };
     }
-    let observed = observed.map(|m| symmetric(&m)).filter(|m| is_definite(m));
+    let observed = observed.map(|m| symmetric(&m)).filter(is_definite);
     let is_observed = observed.is_some();
     let chosen = observed.unwrap_or_else(|| {
         let mut expected = symmetric(&expected);
@@ -239,7 +239,8 @@ fn side(
         (0..count).map(|j| known.covariance[(j, i)] / known.covariance[(i, i)].max(f64::MIN_POSITIVE)).collect();
     let error = known.standard_errors[i].unwrap_or(1.0);
     // Points of the root of the likelihood ratio, with where the others were: inside and outside of the interval.
-    let (mut inside, mut outside): ((f64, f64, Vec<f64>), Option<(f64, f64)>) = ((0.0, 0.0, best.theta.clone()), None);
+    let mut inside = (0.0, 0.0, best.theta.clone());
+    let mut outside: Option<(f64, f64)> = None;
     let mut t = (quantile * error).min(FAR);
     for point in 0..POINTS {
         let mut start = inside.2.clone();

@@ -13,7 +13,7 @@ pub(super) fn add(out: &mut [f64], a: &[f64], x: &[f64], sign: f64) {
 /// `out[to..] += sign · A x[from..]`, for as many columns of A, whose rows are those of one column of `out`.
 #[inline]
 fn add_column(out: &mut [f64], a: &[f64], x: &[f64], sign: f64, [to, from, columns]: [usize; 3]) {
-    let rows = if columns == 0 { 0 } else { a.len() / columns };
+    let rows = a.len().checked_div(columns).unwrap_or(0);
     let mut j = 0;
     while j < columns {
         let factor = sign * x[from + j];
