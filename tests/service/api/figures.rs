@@ -204,7 +204,7 @@ async fn studies_and_reports_are_drawn() {
     let id = |run: &Value| run["analyses"][0]["id"].as_str().unwrap().to_owned();
 
     let study = format!("/v1/studies/{}", lab.study);
-    assert_eq!(all_of(&server, &study).await.len(), 7);
+    assert_eq!(all_of(&server, &study).await.len(), 8);
     let curve = format!("{study}/figures/norm_feedforward_plant_minus_one?format=json");
     let figure = server.get(&curve).await.json(200);
     let curves = server.get(&format!("{study}/learning-curves")).await.json(200);

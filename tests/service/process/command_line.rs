@@ -296,7 +296,7 @@ async fn figures_of_a_study_are_written() {
     let done = call(&["--format", "svg", "--width", "320"]);
     assert_eq!(done.status.code(), Some(0), "{}", String::from_utf8_lossy(&done.stderr));
     let printed = String::from_utf8(done.stdout).unwrap();
-    assert_eq!(printed.lines().count(), 7, "{printed}");
+    assert_eq!(printed.lines().count(), 8, "{printed}");
     for line in printed.lines() {
         let text = std::fs::read_to_string(line).unwrap();
         // The width of a column of a paper, in its own measure.
