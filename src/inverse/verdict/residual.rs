@@ -131,7 +131,8 @@ mod tests {
         }
     }
 
-    /// Hilbert's matrix of order 12 has the least eigenvalue 1.04795e-16 (by rational arithmetic), below the unit of rounding.
+    /// Hilbert's matrix of order 12 has the least eigenvalue 1.04795e-16 (by rational arithmetic), below the unit of
+    /// rounding.
     #[test]
     fn definiteness_is_seen_below_the_unit_of_rounding() {
         let hilbert = DMatrix::from_fn(12, 12, |i, j| 1.0 / (i + j + 1) as f64);
