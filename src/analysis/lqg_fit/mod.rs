@@ -7,7 +7,7 @@
 //!  "spec": {"control_variance": [[0.0004]],
 //!           "state_weight": [{"name": "position", "diagonal": [1, 0]}, {"name": "velocity", "diagonal": [0, 1]}]}}
 //! ```
-//! The method is that of [`lqg`](crate::likelihood::lqg).
+//! The method is that of [`crate::likelihood::lqg`].
 
 mod answer;
 mod assembly;

@@ -7,7 +7,7 @@
 //! not for the factors of a product.
 //!
 //! - **Held inputs**: R stays, and P follows by `ΔP = g fᵀ + f gᵀ` for each entry, g a row of B⁺; what that makes of Q
-//!   is a sum of such products, and has a [majorant](super::majorant).
+//!   is a sum of such products, and has a majorant ([`super::majorant`]).
 //! - **Jointly**: Q and R follow together by the least change in units of both. With cheap control in sampled time R is
 //!   a small difference of `R + BᵀPB` and `BᵀPB`, and P alone would have to move by more than all of R. Where that
 //!   least change stays below one, every gain of the box has definite weights.

@@ -12,8 +12,8 @@
 //! linear system with noise ([`joint`]), what was recorded of it are some of its outputs, and its exact likelihood is
 //! that of Kalman's predictor with a cross-covariance ([`recursion`]). Gradients are exact: forward sensitivities of
 //! the two Riccati equations, of the covariance recursion and of the predictor. The likelihood is climbed by Fisher's
-//! scoring from several starts ([`climb`], [`starts`]); what is known of the answer is said by profiles of the
-//! likelihood ([`inference`]), and which other gains explain the same records by [`explanations`].
+//! scoring from several starts ([`mod@climb`], [`mod@starts`]); what is known of the answer is said by profiles of the
+//! likelihood ([`mod@inference`]), and which other gains explain the same records by [`mod@explanations`].
 
 pub mod climb;
 mod covariance;
