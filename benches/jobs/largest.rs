@@ -99,6 +99,12 @@ pub fn requests() -> Vec<Request> {
             json!({"draws": 10_000, "climbs": 100}),
         ),
         request(
+            "lqg_fit",
+            json!({"plant": {"a": square(16, 12), "b": matrix(16, 1, 13), "c": matrix(2, 16, 14)},
+                   "trial": {"sample_time_s": 0.01, "output": matrix(100_000, 2, 15), "control": noise(100_000, 16)}}),
+            json!({"control_variance": [[1.0]]}),
+        ),
+        request(
             "inverse_lqr",
             json!({"a": square(n, 1), "b": matrix(n, 8, 2), "k": gain(8, n, 3), "sample_time_s": null}),
             json!({}),
