@@ -91,6 +91,15 @@ pub fn requests() -> Vec<Request> {
                        "feedback_denominator": [{"from": 0, "to": 8, "step": 0.4}]}},
                    "feedforward_numerator_degree": 1}),
         ),
+        request("prediction_error", json!({"plant": plant, "trial": trial(400_000, 0.01)}), json!({})),
+        request(
+            "simulate",
+            json!({"plant": "minimum_phase", "feedforward": {"num": [25, 90, 100], "den": [1, 52.2, 110]},
+                   "feedback": {"num": [1], "den": [0.1, 1], "delay_s": 0.15},
+                   "command": {"samples": noise(100_000, 17), "sample_time_s": 0.01},
+                   "noise": {"remnant": {"sd": 0.1, "time_constant_s": 0.2}}}),
+            json!({"realisations": 1_000, "points": 2_000}),
+        ),
         request(
             "gain_fit",
             json!({"plant": {"a": square(60, 5), "b": matrix(60, 1, 6), "c": matrix(2, 60, 7)},
