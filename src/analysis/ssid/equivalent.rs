@@ -27,7 +27,7 @@ pub enum EquivalentSpec {
     /// controllers, with an interval; and the ranges of the norms in pools of up to 10⁵ candidates.
     #[default]
     Automatic,
-    /// The same, with the ranges in pools of any size: appendix B takes minutes.
+    /// The same, with the ranges in pools of any size: those of appendix B may take hours.
     Ranges,
     /// The same, and every candidate is counted: appendix B takes half an hour.
     Counted,
