@@ -98,7 +98,7 @@ pub fn requests() -> Vec<Request> {
                    "feedback": {"num": [1], "den": [0.1, 1], "delay_s": 0.15},
                    "command": {"samples": noise(100_000, 17), "sample_time_s": 0.01},
                    "noise": {"remnant": {"sd": 0.1, "time_constant_s": 0.2}}}),
-            json!({"realisations": 1_000, "points": 2_000}),
+            json!({"realisations": 120, "points": 2_000}),
         ),
         request(
             "gain_fit",
@@ -110,7 +110,7 @@ pub fn requests() -> Vec<Request> {
         request(
             "lqg_fit",
             json!({"plant": {"a": square(16, 12), "b": matrix(16, 1, 13), "c": matrix(2, 16, 14)},
-                   "trial": {"sample_time_s": 0.01, "output": matrix(100_000, 2, 15), "control": noise(100_000, 16)}}),
+                   "trial": {"sample_time_s": 0.01, "output": matrix(15_000, 2, 15), "control": noise(15_000, 16)}}),
             json!({"control_variance": [[1.0]]}),
         ),
         request(
