@@ -34,6 +34,16 @@ fn trial(samples: usize, sample_time_s: f64) -> Value {
     json!({"sample_time_s": sample_time_s, "r": r, "u": u, "y": y})
 }
 
+/// The same with a control that nothing else foretells.
+fn noisy_trial(samples: usize, sample_time_s: f64) -> Value {
+    let mut recording = trial(samples, sample_time_s);
+    let remnant = noise(samples, 18);
+    for (u, v) in recording["u"].as_array_mut().unwrap().iter_mut().zip(remnant) {
+        *u = json!(u.as_f64().unwrap() + 0.5 * v);
+    }
+    recording
+}
+
 /// The requests.
 pub fn requests() -> Vec<Request> {
     let plant = json!({"num": [2.0, 4.4], "den": [1.0, 3.6, 4.0], "sample_time_s": null});
