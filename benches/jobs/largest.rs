@@ -34,12 +34,13 @@ fn trial(samples: usize, sample_time_s: f64) -> Value {
     json!({"sample_time_s": sample_time_s, "r": r, "u": u, "y": y})
 }
 
-/// The same with a control that nothing else foretells.
+/// The same with noise, so that neither signal foretells the other.
 fn noisy_trial(samples: usize, sample_time_s: f64) -> Value {
     let mut recording = trial(samples, sample_time_s);
-    let remnant = noise(samples, 18);
-    for (u, v) in recording["u"].as_array_mut().unwrap().iter_mut().zip(remnant) {
-        *u = json!(u.as_f64().unwrap() + 0.5 * v);
+    for (signal, seed) in [("u", 18), ("y", 40)] {
+        for (value, v) in recording[signal].as_array_mut().unwrap().iter_mut().zip(noise(samples, seed)) {
+            *value = json!(value.as_f64().unwrap() + 0.5 * v);
+        }
     }
     recording
 }
@@ -101,7 +102,7 @@ pub fn requests() -> Vec<Request> {
                        "feedback_denominator": [{"from": 0, "to": 8, "step": 0.4}]}},
                    "feedforward_numerator_degree": 1}),
         ),
-        request("prediction_error", json!({"plant": plant, "trial": trial(400_000, 0.01)}), json!({})),
+        request("prediction_error", json!({"plant": plant, "trial": noisy_trial(400_000, 0.01)}), json!({})),
         request(
             "simulate",
             json!({"plant": "minimum_phase", "feedforward": {"num": [25, 90, 100], "den": [1, 52.2, 110]},
