@@ -82,6 +82,18 @@ impl Values {
         Self { frequency_hz, gain_db, phase_deg, width }
     }
 
+    /// Those that are marked, the others left out.
+    fn only(&self, marked: &[bool]) -> Self {
+        let of =
+            |values: &[Option<f64>]| values.iter().zip(marked).map(|(value, own)| value.filter(|_| *own)).collect();
+        Self {
+            frequency_hz: self.frequency_hz.clone(),
+            gain_db: of(&self.gain_db),
+            phase_deg: of(&self.phase_deg),
+            width: of(&self.width),
+        }
+    }
+
     /// Ends of gain and phase of a disc around each value; a disc that holds zero has none.
     fn ends(&self) -> [Vec<Option<[f64; 2]>>; 2] {
         let inside = |width: &Option<f64>| (*width).filter(|width| *width < 1.0);
@@ -127,7 +139,11 @@ fn measured(result: &FrequencyResponseResult) -> Found {
         let variance = result.variance.get(at).copied().flatten();
         (*frequency, value, variance.map(|variance| quantile(at) * (0.5 * variance).sqrt()))
     });
-    let values = Values::new(lines);
+    let all = Values::new(lines);
+    let positive: Vec<usize> = (0..result.frequency_hz.len()).filter(|at| result.frequency_hz[*at] > 0.0).collect();
+    let usable: Vec<bool> = positive.iter().map(|at| result.usable.get(*at).copied().unwrap_or(true)).collect();
+    let unusable: Vec<bool> = usable.iter().map(|own| !own).collect();
+    let values = all.only(&usable);
     let dots = values.series("measured", (Mark::Points, Ink::First, Weight::Thick));
     let bars = values.ends().map(|ends| {
         let look = (Mark::Bars, Ink::First, Weight::Thin);
@@ -135,8 +151,15 @@ fn measured(result: &FrequencyResponseResult) -> Found {
     });
     let [dots_of_gain, dots_of_phase] = dots;
     let [bars_of_gain, bars_of_phase] = bars;
-    let mut panels = panels("H", [vec![bars_of_gain, dots_of_gain], vec![bars_of_phase, dots_of_phase]]);
-    let positive: Vec<usize> = (0..result.frequency_hz.len()).filter(|at| result.frequency_hz[*at] > 0.0).collect();
+    let (mut of_gain, mut of_phase) = (vec![bars_of_gain, dots_of_gain], vec![bars_of_phase, dots_of_phase]);
+    let doubtful = unusable.iter().filter(|own| **own).count();
+    if doubtful > 0 {
+        let crosses = all.only(&unusable).series("not to be used", (Mark::Crosses, Ink::Muted, Weight::Thin));
+        let [crosses_of_gain, crosses_of_phase] = crosses;
+        of_gain.push(crosses_of_gain);
+        of_phase.push(crosses_of_phase);
+    }
+    let mut panels = panels("H", [of_gain, of_phase]);
     let places: Vec<f64> = positive.iter().map(|at| result.frequency_hz[*at]).collect();
     let of = |list: &[Option<f64>]| positive.iter().map(|at| list.get(*at).copied().flatten()).collect::<Vec<_>>();
     let coherence = of(&result.coherence);
@@ -156,9 +179,19 @@ fn measured(result: &FrequencyResponseResult) -> Found {
         |least| format!("The least coherence is {}.", three(least)),
     );
     Found {
-        finding: format!("{} lines from {} to {} Hz. {coherent}", places.len(), ends[0], ends[1]),
+        finding: format!(
+            "{} lines from {} to {} Hz{}. {coherent}",
+            places.len(),
+            ends[0],
+            ends[1],
+            if doubtful > 0 { format!(", {doubtful} not to be used") } else { String::new() }
+        ),
         caption: match &result.variance_source {
-            Some(source) => format!("Whiskers: 95 % of each line, its noise by {}.", source.replace('_', " ")),
+            Some(source) => format!(
+                "Crosses: lines whose error exceeds a fifth of the response, or is not known. Whiskers: 95 % of \
+                 each line, its noise by {}.",
+                source.replace('_', " ")
+            ),
             None => "The variance of the lines is not known, so that there are no whiskers.".to_owned(),
         },
         panels,

@@ -23,6 +23,7 @@ const CORRECTIONS: usize = 2;
 /// Ratios are told up to this, to so many halvings of its logarithm.
 const LARGEST_RATIO: f64 = 1e15;
 const RATIO_HALVINGS: usize = 12;
+
 /// A multiplier that proves "infeasible", in the units of the core.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Dual {
