@@ -14,7 +14,7 @@ use volition::control::lqg::lqr;
 use volition::control::lyapunov::Clock;
 use volition::ctl::Ctl;
 use volition::inverse::fit::{FitSettings, fit};
-use volition::inverse::lqr::decision;
+use volition::inverse::lqr::{decision, gain_factor};
 use volition::inverse::{Evidence, Gains, Settings, Verdict, inverse_lqr};
 use volition::num::rng;
 
@@ -101,7 +101,7 @@ fn large(count: usize, seed: u64, complain: &mut impl FnMut(String)) {
 /// The median time of one question, over plants of this size.
 fn solve(name: &str, n: usize, m: usize, plants: usize, target_s: f64, strict: bool) {
     let mut stream = rng::stream(1, name);
-    let mut times = Vec::new();
+    let (mut times, mut factor_times) = (Vec::new(), Vec::new());
     let mut worst: f64 = 0.0;
     for _ in 0..plants {
         let mut matrix =
@@ -117,6 +117,10 @@ fn solve(name: &str, n: usize, m: usize, plants: usize, target_s: f64, strict: b
         times.push(begin.elapsed().as_secs_f64());
         assert_eq!(answer.verdict, Verdict::Feasible);
         worst = worst.max(answer.weights.unwrap().proof.forward_error);
+        let begin = Instant::now();
+        if gain_factor(&gains, &answer.decision, &Ctl::new()).unwrap().is_some() {
+            factor_times.push(begin.elapsed().as_secs_f64());
+        }
     }
     times.sort_by(f64::total_cmp);
     let (median, slowest) = (times[times.len() / 2], times[times.len() - 1]);
@@ -126,6 +130,14 @@ fn solve(name: &str, n: usize, m: usize, plants: usize, target_s: f64, strict: b
         slowest * 1e3,
         target_s * 1e3
     );
+    factor_times.sort_by(f64::total_cmp);
+    if let Some(median) = factor_times.get(factor_times.len() / 2) {
+        println!(
+            "{name}: the factor c* of {} of {plants} gains, median {:.2} ms more",
+            factor_times.len(),
+            median * 1e3
+        );
+    }
     assert!(worst <= 1e-6);
     assert!(!strict || median <= target_s, "{name}: {median} s");
 }

@@ -17,7 +17,7 @@ const FREE: f64 = 1e-6;
 /// Relative duality gap of the tie-break.
 const FACE_GAP: f64 = 1e-8;
 /// Relative duality gap of the width.
-const WIDTH_GAP: f64 = 1e-5;
+const WIDTH_GAP: f64 = 1e-3;
 /// In optimal sets of a higher dimension no point is chosen, and they are not measured.
 const MAX_FACE: usize = 24;
 
@@ -215,20 +215,22 @@ impl Face<'_> {
         let d = self.free.ncols();
         let parts: Vec<_> = self.free.column_iter().map(|c| space.at(&c.clone_owned())).collect();
         let (q, r) = space.at(chosen);
-        let (q0, r0) = space.at(&self.solution.z);
+        let diagonal = |of: fn(&(DMatrix<f64>, DMatrix<f64>)) -> &DMatrix<f64>, chosen: &DMatrix<f64>| {
+            let one = |i: usize| (chosen[(i, i)], DVector::from_fn(d, |j, _| of(&parts[j])[(i, i)]));
+            (0..chosen.nrows()).map(one).collect::<Vec<_>>()
+        };
+        let mut weights = diagonal(|part| &part.0, &q);
+        weights.extend(diagonal(|part| &part.1, &r));
+        weights.retain(|(weight, direction)| *weight > 0.0 && direction.norm() > 1e-9 * weight);
+        // The widest first, as far as that can be told: others are then given up early.
+        weights.sort_by(|(x, to), (y, other)| (other.norm() / y).total_cmp(&(to.norm() / x)));
+        if d == 1 {
+            let length = segment(&blocks).unwrap_or(0.0);
+            return Ok(weights.iter().map(|(weight, to)| to[0].abs() / weight * length).fold(0.0, f64::max));
+        }
         let mut width: f64 = 0.0;
-        let mut weights: Vec<(f64, f64, DVector<f64>)> = Vec::new();
-        for i in 0..q.nrows() {
-            weights.push((q[(i, i)], q0[(i, i)], DVector::from_fn(d, |j, _| parts[j].0[(i, i)])));
-        }
-        for i in 0..r.nrows() {
-            weights.push((r[(i, i)], r0[(i, i)], DVector::from_fn(d, |j, _| parts[j].1[(i, i)])));
-        }
-        for (weight, base, direction) in weights {
-            if weight <= 0.0 || direction.norm() <= 1e-9 * weight {
-                continue;
-            }
-            let extreme = |sign: f64| -> Result<f64, LmiError> {
+        for (weight, direction) in weights {
+            let extreme = |sign: f64, enough: f64| -> Result<f64, LmiError> {
                 let problem = Problem {
                     cost: &direction * (sign / weight),
                     quadratic: None,
@@ -236,12 +238,26 @@ impl Face<'_> {
                     gap: WIDTH_GAP,
                     blocks: blocks.clone(),
                 };
-                let solution = lmi::solve(&problem, &DVector::zeros(d), ctl)?;
-                Ok(base + direction.dot(&solution.z))
+                let solution = lmi::solve_unless(&problem, &DVector::zeros(d), enough, ctl)?;
+                Ok(problem.cost.dot(&solution.z))
             };
-            let (low, high) = (extreme(1.0)?, extreme(-1.0)?);
-            width = width.max((high - low) / weight);
+            let low = extreme(1.0, f64::INFINITY)?;
+            // No wider than what is known.
+            width = width.max(-low - extreme(-1.0, -low - width)?);
         }
         Ok(width)
     }
+}
+
+/// How long the segment of w is on which `F_0 + wF_1 ⪰ 0` in every block, 0 being inside: from the eigenvalues of
+/// `L⁻¹F_1L⁻ᵀ` with `F_0 = LLᵀ`.
+fn segment(blocks: &[Block]) -> Option<f64> {
+    let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+    for block in blocks {
+        let factor = block.value(&DVector::zeros(1)).cholesky()?.l();
+        let half = factor.solve_lower_triangular(&block.term(0))?;
+        let values = factor.solve_lower_triangular(&half.transpose())?.symmetric_eigenvalues();
+        (low, high) = (low.max(-1.0 / values.max().max(0.0)), high.min(-1.0 / values.min().min(0.0)));
+    }
+    Some(high - low).filter(|length| length.is_finite())
 }

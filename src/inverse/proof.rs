@@ -4,7 +4,7 @@ use super::gains::Gains;
 use crate::control::lyapunov::{Clock, Lyapunov};
 use crate::control::riccati::{Riccati, RiccatiError, doubling, sign_function};
 use crate::num::linalg::symmetric;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 /// Frequencies of the return difference's grid.
@@ -146,16 +146,21 @@ pub(super) fn return_difference(gains: &Gains, r: &DMatrix<f64>, p: &DMatrix<f64
         .min_by(|x, y| values[*x].unwrap_or(f64::INFINITY).total_cmp(&values[*y].unwrap_or(f64::INFINITY)))?;
     let (mut omega, mut margin) = (grid[best], values[best]?);
     let (mut low, mut high) = (grid[best.saturating_sub(1)], grid[(best + 1).min(grid.len() - 1)]);
+    // Five points over the interval, of which those at its ends and in its middle stay when it is halved.
+    let place = |low: f64, high: f64, i: usize| low + (high - low) * i as f64 / 4.0;
+    let mut known: [Option<Option<f64>>; 5] = [None; 5];
     for _ in 0..REFINEMENTS {
-        let points = DVector::from_fn(5, |i, _| low + (high - low) * i as f64 / 4.0);
-        let Some((i, v)) = (0..5).filter_map(|i| value(points[i]).map(|v| (i, v))).min_by(|x, y| x.1.total_cmp(&y.1))
-        else {
-            break;
-        };
+        let found: [Option<f64>; 5] = std::array::from_fn(|i| known[i].unwrap_or_else(|| value(place(low, high, i))));
+        let least = (0..5).filter_map(|i| found[i].map(|v| (i, v))).min_by(|x, y| x.1.total_cmp(&y.1));
+        let Some((i, v)) = least else { break };
         if v < margin {
-            (omega, margin) = (points[i], v);
+            (omega, margin) = (place(low, high, i), v);
         }
-        (low, high) = (points[i.saturating_sub(1)], points[(i + 1).min(4)]);
+        let (left, right) = (i.saturating_sub(1), (i + 1).min(4));
+        // At an end the interval is quartered, and its middle is new.
+        let middle = (right - left == 2).then(|| found[left + 1]);
+        known = [Some(found[left]), None, middle, None, Some(found[right])];
+        (low, high) = (place(low, high, left), place(low, high, right));
         if high - low <= 1e-9 * high.abs() {
             break;
         }

@@ -9,7 +9,7 @@ use serde_json::Value;
 use volition::control::lqg::lqr;
 use volition::control::lyapunov::Clock;
 use volition::ctl::Ctl;
-use volition::inverse::lqr::decision;
+use volition::inverse::lqr::{decision, gain_factor};
 use volition::inverse::{Decision, Evidence, Gains, GainsError, Knowledge, Settings, Verdict, inverse_lqr};
 use volition::num::rng::{self, Stream};
 
@@ -405,7 +405,9 @@ fn the_factor_of_several_inputs_lies_between_two_certificates() {
         let Ok(solution) = lqr(&a, &b, &definite(&q), &definite(&r), clock) else { continue };
         let ask = |c: f64| {
             let gains = Gains::regulator(&a, &b, &(&solution.k * c), clock).ok()?;
-            inverse_lqr(&gains, &Settings::default(), &Ctl::new()).ok()
+            let mut answer = inverse_lqr(&gains, &Settings::default(), &Ctl::new()).ok()?;
+            answer.decision.factor = gain_factor(&gains, &answer.decision, &Ctl::new()).unwrap();
+            Some(answer)
         };
         let Some(factor) = ask(1.0).unwrap().decision.factor else { continue };
         assert!(factor <= 1.0, "an optimal gain has its factor below 1: {factor}");

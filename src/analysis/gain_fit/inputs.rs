@@ -1,10 +1,11 @@
 //! What is fitted: trials, and the plant that the person controlled.
 
 use super::plant::GainFitPlant;
-use super::sampled_signal::SampledSignal;
 use crate::analysis::contract::{Inputs, Part, members_sha256};
 use crate::analysis::ids::TrialId;
 use crate::analysis::inputs::library::{Library, References};
+use crate::analysis::inputs::recorded::{self, needed, place};
+use crate::analysis::inputs::sampled_signal::SampledSignal;
 use crate::analysis::problem::Problem;
 use crate::analysis::reading::wrong_inputs as wrong;
 use crate::trial::pointer;
@@ -12,9 +13,6 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
-
-/// Trials at most.
-const MAX_TRIALS: usize = 1000;
 
 /// What gains are fitted to: one trial or several, all stored or all in the request, and the plant that the person
 /// controlled.
@@ -98,25 +96,7 @@ impl Part for GainFitInputs {
                 .mend("Inputs are plant, and trial or trials."));
         }
         let present = |name: &str| members.get(name).filter(|v| !v.is_null());
-        let (list, many) = match (present("trial"), present("trials")) {
-            (Some(trial), None) => (std::slice::from_ref(trial), false),
-            (None, Some(Value::Array(trials))) => (trials.as_slice(), true),
-            (None, Some(_)) => return Err(wrong("trials is no array", "/inputs/trials")),
-            (Some(_), Some(_)) => return Err(wrong("there are both trial and trials", at)),
-            (None, None) => {
-                return Err(wrong("there is no trial", at)
-                    .mend("Give trials: ids of stored ones, or objects with sample_time_s, input and output."));
-            }
-        };
-        if list.is_empty() || list.len() > MAX_TRIALS {
-            return Err(wrong(
-                format!("there are {} trials; 1 to {MAX_TRIALS} are taken", list.len()),
-                "/inputs/trials",
-            ));
-        }
-        if let Some(i) = list.iter().position(|trial| trial.is_string() != list[0].is_string()) {
-            return Err(wrong("ids and signals are mixed", place(many, i)));
-        }
+        let (list, many) = recorded::listed(members, "sample_time_s, input and output", at)?;
         let plant = present("plant").map(GainFitPlant::read).transpose()?;
         if plant.is_none() && !list[0].is_string() {
             return Err(no_plant());
@@ -126,9 +106,7 @@ impl Part for GainFitInputs {
             let at = place(many, i);
             trials.push(match value.as_str() {
                 Some(text) => {
-                    let id: TrialId = text
-                        .parse()
-                        .map_err(|_| wrong(format!("{text:?} is no id of a trial"), &*at).mend("Ids are UUIDs."))?;
+                    let id = recorded::id(text, &at)?;
                     if trials.contains(&GainFitTrialInput::Stored(id)) {
                         return Err(wrong("this trial is named twice", at)
                             .mend("Twice the same noise is no second measurement."));
@@ -156,7 +134,7 @@ impl Inputs for GainFitInputs {
         let mut hashes = members_sha256(self);
         for (i, id) in self.stored() {
             let at = self.place(i);
-            let stored = library.trial(id).map_err(|problem| problem.at(at.clone()))?;
+            let stored = recorded::stored(library, id, &at)?;
             hashes.insert(at, stored.sha256.clone());
         }
         Ok(hashes)
@@ -173,24 +151,15 @@ impl GainFitTrial {
             return Err(wrong(format!("a trial has no {name:?}"), at).mend(format!("It has: {}.", known.join(", "))));
         }
         let present = |name: &str| members.get(name).filter(|v| !v.is_null());
-        let needed =
-            |name: &str| present(name).ok_or_else(|| wrong(format!("the trial has no {name}"), format!("{at}/{name}")));
-        let period = needed("sample_time_s")?;
-        let sample_time_s = period.as_f64().filter(|v| *v > 0.0 && v.is_finite()).ok_or_else(|| {
-            wrong(
-                format!("the sample time is {period}, and must be a positive number of seconds"),
-                format!("{at}/sample_time_s"),
-            )
-        })?;
         let signal = |value: &Value, name: &str| SampledSignal::read(value, name, &format!("{at}/{name}"));
         let state = |value: &Value| {
             serde_json::from_value(value.clone())
                 .map_err(|error| wrong(error.to_string(), format!("{at}/initial_state")))
         };
         Ok(Self {
-            sample_time_s,
-            input: signal(needed("input")?, "input")?,
-            output: signal(needed("output")?, "output")?,
+            sample_time_s: recorded::sample_time_s(members, at)?,
+            input: signal(needed(members, "input", at)?, "input")?,
+            output: signal(needed(members, "output", at)?, "output")?,
             control: present("control").map(|value| signal(value, "control")).transpose()?,
             initial_state: present("initial_state").map(state).transpose()?,
         })
@@ -206,8 +175,4 @@ pub(super) fn no_plant() -> Problem {
 /// A member of an object that is not known.
 fn stray<'a>(members: &'a Map<String, Value>, known: &[&str]) -> Option<&'a String> {
     members.keys().find(|name| !known.contains(&name.as_str()))
-}
-
-fn place(many: bool, index: usize) -> String {
-    if many { format!("/inputs/trials/{index}") } else { "/inputs/trial".to_owned() }
 }

@@ -21,7 +21,6 @@ mod known_plant;
 mod optimality;
 mod plant;
 mod result;
-mod sampled_signal;
 mod signals;
 mod spec;
 #[cfg(test)]
@@ -45,7 +44,6 @@ pub use result::{
     BoundSide, FitConvergenceResult, FittedOutputResult, FittedParameterResult, GainFitResult,
     GainIdentifiabilityResult, InverseInputsResult, InverseLqgInputsResult, TwinResult,
 };
-pub use sampled_signal::SampledSignal;
 use signals::{Signals, of_library, of_request};
 pub use spec::{
     DisturbanceKnowledge, GainFitSpec, GainFitWanted, InitialState, NoiseName, NoiseSpec, OptimalitySpec,

@@ -13,7 +13,7 @@ use crate::analysis::inverse::shares::SharesResult;
 use crate::control::lyapunov::Clock;
 use crate::ctl::Ctl;
 use crate::inverse::fit::{FitSettings, fit};
-use crate::inverse::lqr::InverseError;
+use crate::inverse::lqr::{InverseError, gain_factor};
 use crate::inverse::{Gains, Settings, Verdict, inverse_lqr, reading};
 use crate::num::distributions::{beta_i, chi_square_cdf};
 use crate::num::rng;
@@ -199,7 +199,10 @@ pub(super) fn ask(question: &Question<'_>, spec: &OptimalitySpec, ctl: &Ctl) -> 
             result.t_star_scaled = answer.t_star_scaled;
             result.unknowns = Some(answer.unknowns);
             result.relative_change = answer.decision.relative_change.filter(|v| v.is_finite());
-            result.c_star = answer.decision.factor;
+            result.c_star = gain_factor(&gains, &answer.decision, ctl).or_else(|error| match error {
+                InverseError::Stopped(stopped) => Err(Failure::Stopped(stopped)),
+                _ => Ok(None),
+            })?;
             estimate = answer.weights.filter(|_| accepted(answer.verdict, &settings)).map(|w| (w.q, w.r));
         }
         Err(InverseError::Stopped(stopped)) => return Err(stopped.into()),

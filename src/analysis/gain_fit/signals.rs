@@ -3,8 +3,9 @@
 use super::inputs::{GainFitInputs, GainFitTrial, GainFitTrialInput};
 use super::known_plant::PlantSource;
 use super::plant::LARGEST;
-use super::sampled_signal::SampledSignal;
 use crate::analysis::inputs::library::Library;
+use crate::analysis::inputs::recorded;
+use crate::analysis::inputs::sampled_signal::SampledSignal;
 use crate::analysis::problem::Problem;
 use crate::analysis::reading::wrong_inputs as wrong;
 use nalgebra::DMatrix;
@@ -19,26 +20,6 @@ pub(super) struct Signals {
     pub initial_state: Option<Vec<f64>>,
 }
 
-/// A signal whose size and values have been checked.
-fn signal(written: &SampledSignal, name: &str, at: &str) -> Result<DMatrix<f64>, Problem> {
-    let found = written.matrix(name, at)?;
-    if found.nrows() < 2 || found.ncols() == 0 {
-        let detail = format!(
-            "the {name} has {} samples of {} numbers; 2 samples at least are needed",
-            found.nrows(),
-            found.ncols()
-        );
-        return Err(wrong(detail, at));
-    }
-    for i in 0..found.nrows() {
-        if let Some(value) = found.row(i).iter().find(|v| v.is_nan() || v.abs() > LARGEST) {
-            let detail = format!("the {name} is {value:e} at sample {i}; magnitudes up to {LARGEST:e} are taken");
-            return Err(wrong(detail, format!("{at}/{i}")));
-        }
-    }
-    Ok(found)
-}
-
 impl Signals {
     fn of_request(trial: &GainFitTrial, at: &str) -> Result<Self, Problem> {
         let period = trial.sample_time_s;
@@ -48,31 +29,17 @@ impl Signals {
                 format!("{at}/sample_time_s"),
             ));
         }
-        let checked = |written: &SampledSignal, name: &str| signal(written, name, &format!("{at}/{name}"));
+        let checked = |written: &SampledSignal, name: &str| written.checked(name, LARGEST, &format!("{at}/{name}"));
         let input = checked(&trial.input, "input")?;
         let output = checked(&trial.output, "output")?;
         let control = trial.control.as_ref().map(|control| checked(control, "control")).transpose()?;
-        for (name, other) in [("input", Some(&input)), ("control", control.as_ref())] {
-            if let Some(other) = other.filter(|other| other.nrows() != output.nrows()) {
-                let detail = format!("the {name} has {} samples and the output has {}", other.nrows(), output.nrows());
-                return Err(wrong(detail, format!("{at}/{name}")));
-            }
-        }
+        recorded::as_long(&output, &[("input", Some(&input)), ("control", control.as_ref())], at)?;
         let initial_state = trial.initial_state.clone();
         if initial_state.iter().flatten().any(|v| v.is_nan() || v.abs() > LARGEST) {
             return Err(wrong(format!("an entry is larger than {LARGEST:e}"), format!("{at}/initial_state")));
         }
         Ok(Self { sample_time_s: period, input, output, control, initial_state })
     }
-}
-
-fn add(signals: &mut Vec<Signals>, found: Signals, at: String) -> Result<(), Problem> {
-    if signals.contains(&found) {
-        return Err(wrong("this is the same recording as an earlier one", at)
-            .mend("Twice the same noise is no second measurement."));
-    }
-    signals.push(found);
-    Ok(())
 }
 
 /// The signals in the request; `None` where its trials are stored ones.
@@ -85,7 +52,7 @@ pub(super) fn of_request(inputs: &GainFitInputs) -> Result<Option<Vec<Signals>>,
         let GainFitTrialInput::Inline(trial) = trial else { return Ok(None) };
         let at = inputs.place(i);
         let found = Signals::of_request(trial, &at)?;
-        add(&mut signals, found, at)?;
+        recorded::add(&mut signals, found, &at)?;
     }
     Ok(Some(signals))
 }
@@ -101,7 +68,7 @@ pub(super) fn of_library(inputs: &GainFitInputs, library: &Library) -> Result<(P
     for (i, trial) in inputs.trials().iter().enumerate() {
         let GainFitTrialInput::Stored(id) = trial else { continue };
         let at = inputs.place(i);
-        let stored = library.trial(*id).map_err(|problem| problem.at(at.clone()))?;
+        let stored = recorded::stored(library, *id, &at)?;
         let model = PlantSource::Stored(stored.plant.clone());
         if inputs.plant.is_none() && plant.get_or_insert_with(|| model.clone()) != &model {
             return Err(wrong("this trial was recorded on another plant than the first", at));
@@ -115,7 +82,7 @@ pub(super) fn of_library(inputs: &GainFitInputs, library: &Library) -> Result<(P
             control: Some(column(&recorded.control)),
             initial_state: None,
         };
-        add(&mut signals, found, at)?;
+        recorded::add(&mut signals, found, &at)?;
     }
     let plant = plant.ok_or_else(|| wrong("there is no trial", "/inputs/trials"))?;
     Ok((plant, signals))

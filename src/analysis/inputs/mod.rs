@@ -7,5 +7,7 @@ pub mod library;
 pub mod matrix;
 pub mod plant;
 pub mod pool_problem;
+pub(super) mod recorded;
+pub mod sampled_signal;
 pub mod trial_problem;
 pub mod trials;

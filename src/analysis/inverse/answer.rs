@@ -14,6 +14,7 @@ use crate::ctl::Ctl;
 use crate::inverse::fit::{
     CROSS_TERM, CrossTerm, Descent, DescentError, DescentSettings, Objective, descent, fit, fits, smallest_cross_term,
 };
+use crate::inverse::lqr::gain_factor;
 use crate::inverse::{Gains, inverse_lqr};
 use nalgebra::DMatrix;
 
@@ -31,7 +32,8 @@ pub(in crate::analysis) fn answer(
 ) -> Result<InverseLqrResult, Failure> {
     let gains = &half.gains;
     let settings = spec.settings();
-    let answer = inverse_lqr(gains, &settings, ctl).map_err(|error| problems::inverse(&error))?;
+    let mut answer = inverse_lqr(gains, &settings, ctl).map_err(|error| problems::inverse(&error))?;
+    answer.decision.factor = gain_factor(gains, &answer.decision, ctl).map_err(|error| problems::inverse(&error))?;
     ctl.advance(1);
     let mut findings = Findings { answer, fitted: None, cross_term: None, descent: None };
     let doubts = Doubts {

@@ -1,18 +1,16 @@
 //! What is fitted: the plant that the person controlled, and trials.
 
 use crate::analysis::contract::{Inputs, Part, members_sha256};
-use crate::analysis::gain_fit::SampledSignal;
 use crate::analysis::ids::TrialId;
 use crate::analysis::inputs::library::{Library, References};
+use crate::analysis::inputs::recorded::{self, needed, place};
+use crate::analysis::inputs::sampled_signal::SampledSignal;
 use crate::analysis::problem::Problem;
 use crate::analysis::reading::{self, only, wrong_inputs as wrong};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
-
-/// Trials at most.
-const MAX_TRIALS: usize = 1000;
 
 /// What costs and noises are fitted to: the plant that the person controlled, in the states that the costs are about,
 /// and one trial or several, all stored or all in the request.
@@ -101,10 +99,6 @@ impl LqgFitInputs {
     }
 }
 
-fn place(many: bool, index: usize) -> String {
-    if many { format!("/inputs/trials/{index}") } else { "/inputs/trial".to_owned() }
-}
-
 impl Part for LqgFitInputs {
     fn read(value: &Value, at: &str) -> Result<Self, Problem> {
         let members = reading::object(value, "the value of inputs", at)?;
@@ -115,40 +109,15 @@ impl Part for LqgFitInputs {
                 .mend("Give the plant that the person controlled, in the states that the costs are about: a, b, c, e.")
         })?;
         let plant = reading::read(plant, "/inputs/plant", "unusable inputs")?;
-        let (list, many) = match (present("trial"), present("trials")) {
-            (Some(trial), None) => (std::slice::from_ref(trial), false),
-            (None, Some(Value::Array(trials))) => (trials.as_slice(), true),
-            (None, Some(_)) => return Err(wrong("trials is no array", "/inputs/trials")),
-            (Some(_), Some(_)) => return Err(wrong("there are both trial and trials", at)),
-            (None, None) => {
-                return Err(wrong("there is no trial", at)
-                    .mend("Give trials: ids of stored ones, or objects with sample_time_s, output and control."));
-            }
-        };
-        if list.is_empty() || list.len() > MAX_TRIALS {
-            let detail = format!("there are {} trials; 1 to {MAX_TRIALS} are taken", list.len());
-            return Err(wrong(detail, "/inputs/trials"));
-        }
-        if let Some(i) = list.iter().position(|trial| trial.is_string() != list[0].is_string()) {
-            return Err(wrong("ids and signals are mixed", place(many, i)));
-        }
+        let (list, many) = recorded::listed(members, "sample_time_s, output and control", at)?;
         let mut trials: Vec<LqgFitTrialInput> = Vec::with_capacity(list.len());
         for (i, value) in list.iter().enumerate() {
             let at = place(many, i);
             let trial = match value.as_str() {
-                Some(text) => {
-                    let id = text
-                        .parse()
-                        .map_err(|_| wrong(format!("{text:?} is no id of a trial"), &*at).mend("Ids are UUIDs."))?;
-                    LqgFitTrialInput::Stored(id)
-                }
+                Some(text) => LqgFitTrialInput::Stored(recorded::id(text, &at)?),
                 None => LqgFitTrialInput::Inline(LqgFitTrial::read(value, &at)?),
             };
-            if trials.contains(&trial) {
-                return Err(wrong("this trial is the same as an earlier one", at)
-                    .mend("Twice the same noise is no second measurement."));
-            }
-            trials.push(trial);
+            recorded::add(&mut trials, trial, &at)?;
         }
         let (trial, trials) = if many { (None, Some(trials)) } else { (trials.pop(), None) };
         Ok(Self { plant, trial, trials })
@@ -165,7 +134,7 @@ impl Inputs for LqgFitInputs {
         let mut hashes = members_sha256(self);
         for (i, id) in self.stored() {
             let at = self.place(i);
-            let stored = library.trial(id).map_err(|problem| problem.at(at.clone()))?;
+            let stored = recorded::stored(library, id, &at)?;
             hashes.insert(at, stored.sha256.clone());
         }
         Ok(hashes)
@@ -177,18 +146,11 @@ impl LqgFitTrial {
         let members = reading::object(value, "a trial that is no id", at)?;
         only(members, &["sample_time_s", "disturbance", "output", "control"], at)?;
         let present = |name: &str| members.get(name).filter(|v| !v.is_null());
-        let needed =
-            |name: &str| present(name).ok_or_else(|| wrong(format!("the trial has no {name}"), format!("{at}/{name}")));
-        let period = needed("sample_time_s")?;
-        let sample_time_s = period.as_f64().filter(|v| *v > 0.0 && v.is_finite()).ok_or_else(|| {
-            let detail = format!("the sample time is {period}, and must be a positive number of seconds");
-            wrong(detail, format!("{at}/sample_time_s"))
-        })?;
         let signal = |value: &Value, name: &str| SampledSignal::read(value, name, &format!("{at}/{name}"));
         Ok(Self {
-            sample_time_s,
+            sample_time_s: recorded::sample_time_s(members, at)?,
             disturbance: present("disturbance").map(|value| signal(value, "disturbance")).transpose()?,
-            output: signal(needed("output")?, "output")?,
+            output: signal(needed(members, "output", at)?, "output")?,
             control: present("control").map(|value| signal(value, "control")).transpose()?,
         })
     }

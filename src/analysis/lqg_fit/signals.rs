@@ -1,9 +1,10 @@
 //! Plant and trials as matrices, checked.
 
 use super::inputs::{LqgFitInputs, LqgFitPlant, LqgFitTrial, LqgFitTrialInput};
-use crate::analysis::gain_fit::SampledSignal;
 use crate::analysis::inputs::library::Library;
 use crate::analysis::inputs::matrix::dense;
+use crate::analysis::inputs::recorded;
+use crate::analysis::inputs::sampled_signal::SampledSignal;
 use crate::analysis::problem::Problem;
 use crate::analysis::reading::wrong_inputs as wrong;
 use crate::control::stochastic::sample_noise;
@@ -119,35 +120,13 @@ impl Sampled {
     }
 }
 
-/// A signal whose size and values have been checked.
-fn signal(written: &SampledSignal, name: &str, at: &str) -> Result<DMatrix<f64>, Problem> {
-    let found = written.matrix(name, at)?;
-    if found.nrows() < 2 || found.ncols() == 0 {
-        let (rows, columns) = found.shape();
-        let detail = format!("the {name} has {rows} samples of {columns} numbers; 2 samples at least are needed");
-        return Err(wrong(detail, at));
-    }
-    for i in 0..found.nrows() {
-        if let Some(value) = found.row(i).iter().find(|v| v.is_nan() || v.abs() > LARGEST) {
-            let detail = format!("the {name} is {value:e} at sample {i}; magnitudes up to {LARGEST:e} are taken");
-            return Err(wrong(detail, format!("{at}/{i}")));
-        }
-    }
-    Ok(found)
-}
-
 impl Signals {
     fn of_request(trial: &LqgFitTrial, at: &str) -> Result<Self, Problem> {
-        let checked = |written: &SampledSignal, name: &str| signal(written, name, &format!("{at}/{name}"));
+        let checked = |written: &SampledSignal, name: &str| written.checked(name, LARGEST, &format!("{at}/{name}"));
         let output = checked(&trial.output, "output")?;
         let disturbance = trial.disturbance.as_ref().map(|d| checked(d, "disturbance")).transpose()?;
         let control = trial.control.as_ref().map(|u| checked(u, "control")).transpose()?;
-        for (name, other) in [("disturbance", &disturbance), ("control", &control)] {
-            if let Some(other) = other.as_ref().filter(|other| other.nrows() != output.nrows()) {
-                let detail = format!("the {name} has {} samples and the output has {}", other.nrows(), output.nrows());
-                return Err(wrong(detail, format!("{at}/{name}")));
-            }
-        }
+        recorded::as_long(&output, &[("disturbance", disturbance.as_ref()), ("control", control.as_ref())], at)?;
         Ok(Self { sample_time_s: trial.sample_time_s, disturbance, output, control })
     }
 }
@@ -174,7 +153,7 @@ pub(super) fn of_library(inputs: &LqgFitInputs, library: &Library) -> Result<Vec
     for (i, trial) in inputs.trials().iter().enumerate() {
         let LqgFitTrialInput::Stored(id) = trial else { continue };
         let at = inputs.place(i);
-        let stored = library.trial(*id).map_err(|problem| problem.at(at.clone()))?;
+        let stored = recorded::stored(library, *id, &at)?;
         let recorded = &stored.trial.signals;
         let column = |values: &[f64]| DMatrix::from_column_slice(values.len(), 1, values);
         let found = Signals {
@@ -183,11 +162,7 @@ pub(super) fn of_library(inputs: &LqgFitInputs, library: &Library) -> Result<Vec
             output: column(&recorded.output),
             control: Some(column(&recorded.control)),
         };
-        if signals.contains(&found) {
-            return Err(wrong("this is the same recording as an earlier one", at)
-                .mend("Twice the same noise is no second measurement."));
-        }
-        signals.push(found);
+        recorded::add(&mut signals, found, &at)?;
     }
     Ok(signals)
 }

@@ -162,6 +162,17 @@ pub enum LmiError {
 /// # Panics
 /// If the sizes disagree, which is a mistake of the caller.
 pub fn solve(problem: &Problem, start: &DVector<f64>, ctl: &Ctl) -> Result<Solution, LmiError> {
+    solve_unless(problem, start, f64::INFINITY, ctl)
+}
+
+/// As [`solve`], but it ends as soon as the dual shows that no cost is below `enough`.
+///
+/// # Errors
+/// As [`solve`].
+///
+/// # Panics
+/// As [`solve`].
+pub fn solve_unless(problem: &Problem, start: &DVector<f64>, enough: f64, ctl: &Ctl) -> Result<Solution, LmiError> {
     let unknowns = problem.cost.len();
     assert_eq!(start.len(), unknowns, "unknowns of a start");
     let blocks = &problem.blocks;
@@ -207,7 +218,7 @@ pub fn solve(problem: &Problem, start: &DVector<f64>, ctl: &Ctl) -> Result<Solut
             steps: step,
             status,
         };
-        if relative <= problem.gap && relative_dual <= DUAL {
+        if relative_dual <= DUAL && (relative <= problem.gap || -half - constant >= enough) {
             return Ok(solution(Status::Solved));
         }
         let merit_of = |s: &Solution| (s.gap / s.objective.abs().max(floor)).max(s.dual_residual / size);

@@ -12,8 +12,8 @@ use num_complex::Complex64;
 const GRID: usize = 240;
 /// Steps of the golden section around the best of them.
 const STEPS: usize = 60;
-/// Halvings of the logarithm of the relative change.
-const HALVINGS: usize = 24;
+/// Halvings of the logarithm of the relative change: it is told to half a per cent, and never too large.
+const HALVINGS: usize = 13;
 
 /// The relative change of K up to which a test holds, which is asked for the entry of a box with equal ones; `None`
 /// where it does not hold without any.

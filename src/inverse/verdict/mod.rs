@@ -119,7 +119,7 @@ pub struct Decision {
     /// certificate holds.
     pub relative_change: Option<f64>,
     /// c*: the factor on the whole gain at which it becomes optimal; `None` where no factor helps. Several inputs: to a
-    /// thousandth, by certificates on both sides, and looked for by [`with_factor`] alone.
+    /// thousandth, by certificates on both sides, and looked for by [`gain_factor`](super::lqr::gain_factor) alone.
     pub factor: Option<f64>,
     /// In sampled time with a singular A any stabilising gain that vanishes on its kernel is optimal for some Q: the
     /// answer is true, and carries no information.
@@ -172,14 +172,14 @@ pub(super) fn decide(gains: &Gains, ctl: &Ctl) -> Result<Decision, DecisionError
     if core.ports() == 1 { one_input(core, ctl) } else { several_inputs(reach, ctl) }
 }
 
-/// The decision with c* of several inputs, up to 36 entries of the gain.
-pub(super) fn with_factor(mut decision: Decision, gains: &Gains, ctl: &Ctl) -> Result<Decision, DecisionError> {
+/// c* of a decided gain: of several inputs up to 36 entries of the gain.
+pub(super) fn factor(decision: &Decision, gains: &Gains, ctl: &Ctl) -> Result<Option<f64>, DecisionError> {
     let core = &gains.reach.core;
     let has_one = matches!(decision.evidence, Evidence::Weights { .. } | Evidence::Multiplier { .. } | Evidence::None);
     if core.ports() > 1 && core.ports() * core.states() <= factor::ENTRIES && has_one {
-        decision.factor = factor::several_inputs(core, decision.verdict, ctl)?;
+        return factor::several_inputs(core, decision.verdict, ctl);
     }
-    Ok(decision)
+    Ok(decision.factor)
 }
 
 /// In sampled time with an A that is singular to rounding.
@@ -235,7 +235,7 @@ fn one_input(core: &Core, ctl: &Ctl) -> Result<Decision, DecisionError> {
     decision.factor = distance::factor(core);
     if verdict == Verdict::Feasible
         && let Some(reduced) = Reduced::new(core)
-        && let Outcome::Primal(weights) = plane::search(core, &reduced, ctl)?
+        && let Outcome::Primal(weights) = plane::search(core, &reduced, ctl)?.outcome
     {
         decision.weights = Some((weights.q, weights.r));
     }
@@ -245,7 +245,7 @@ fn one_input(core: &Core, ctl: &Ctl) -> Result<Decision, DecisionError> {
 fn several_inputs(reach: &Reach, ctl: &Ctl) -> Result<Decision, DecisionError> {
     let core = &reach.core;
     let outcome = match Reduced::new(core) {
-        Some(reduced) => plane::search(core, &reduced, ctl)?,
+        Some(reduced) => plane::search(core, &reduced, ctl)?.outcome,
         None if core.states() <= WHOLE_PROGRAM => whole_program(core, ctl)?,
         None => Outcome::Neither,
     };

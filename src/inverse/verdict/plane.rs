@@ -49,6 +49,21 @@ pub(super) enum Outcome {
     Neither,
 }
 
+/// What a search found.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Found {
+    /// Its certificate.
+    pub outcome: Outcome,
+    /// The best margin t as the programs have it, or a bound of it below zero: where to look next, and no proof.
+    pub margin: Option<f64>,
+}
+
+impl From<Outcome> for Found {
+    fn from(outcome: Outcome) -> Self {
+        Self { outcome, margin: None }
+    }
+}
+
 /// Why there is no outcome.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum PlaneError {
@@ -124,8 +139,10 @@ fn combine(terms: &[DMatrix<f64>], z: &DVector<f64>) -> DMatrix<f64> {
 ///
 /// # Errors
 /// [`PlaneError`] when stopped, or where a decomposition fails.
-pub(super) fn search(core: &Core, reduced: &Reduced, ctl: &Ctl) -> Result<Outcome, PlaneError> {
-    let Some((primal, dual)) = PrimalTest::new(core).zip(DualTest::new(core)) else { return Ok(Outcome::Neither) };
+pub(super) fn search(core: &Core, reduced: &Reduced, ctl: &Ctl) -> Result<Found, PlaneError> {
+    let Some((primal, dual)) = PrimalTest::new(core).zip(DualTest::new(core)) else {
+        return Ok(Outcome::Neither.into());
+    };
     let m = core.ports();
     let product = reduced.gain() * &core.b;
     let (_, values, v) = linalg::svd(&asymmetry_map(&product))?;
@@ -142,7 +159,7 @@ pub(super) fn search(core: &Core, reduced: &Reduced, ctl: &Ctl) -> Result<Outcom
     if traces.norm() <= 1e-10 {
         // No R of positive trace at all: T = I is orthogonal to all of them.
         if let Some(found) = dual.coupling(&DMatrix::identity(m, m)) {
-            return Ok(Outcome::Coupling(found));
+            return Ok(Outcome::Coupling(found).into());
         }
         let found = dual.turned(&DMatrix::zeros(m, core.states()), &DMatrix::identity(m, m));
         let plane = Plane {
@@ -154,7 +171,7 @@ pub(super) fn search(core: &Core, reduced: &Reduced, ctl: &Ctl) -> Result<Outcom
             scale: 1.0,
             exciting: OnceCell::new(),
         };
-        return Ok(plane.certified(&found, Vec::new()));
+        return Ok(plane.certified(&found, Vec::new()).into());
     }
     let sum = |z: &DVector<f64>| basis.iter().zip(z.iter()).fold(DMatrix::zeros(m, m), |s, (b, f)| s + b * *f);
     let mut weights = vec![sum(&(&traces * (m as f64 / traces.norm_squared())))];
@@ -166,15 +183,18 @@ pub(super) fn search(core: &Core, reduced: &Reduced, ctl: &Ctl) -> Result<Outcom
     let constants = weights.iter().map(|r| reduced.constant(r) / scale).collect();
     let mut plane =
         Plane { core, reduced: reduced.clone(), dual, weights, constants, scale, exciting: OnceCell::new() };
-    let mut outcome = Outcome::Neither;
-    for _ in 0..REWEIGHTS {
-        let (found, moved) = plane.run(&primal, ctl)?;
-        outcome = found;
+    let mut found = Found::from(Outcome::Neither);
+    for round in 0..REWEIGHTS {
+        let (Found { outcome, margin }, moved) = plane.run(&primal, ctl)?;
+        found.outcome = outcome;
+        if round == 0 {
+            found.margin = margin;
+        }
         // Definite, but not by as much as rounding moves: margins in units of that.
-        let (Outcome::Neither, Some(moved)) = (&outcome, moved) else { break };
+        let (Outcome::Neither, Some(moved)) = (&found.outcome, moved) else { break };
         plane.reduced = reduced.weighed(&moved);
     }
-    Ok(outcome)
+    Ok(found)
 }
 
 impl Plane<'_> {
@@ -190,26 +210,27 @@ impl Plane<'_> {
     }
 
     /// The outcome; where definite weights were found whose margin is within rounding also what that makes of Q.
-    fn run(&self, primal: &PrimalTest<'_>, ctl: &Ctl) -> Result<(Outcome, Option<DVector<f64>>), PlaneError> {
+    fn run(&self, primal: &PrimalTest<'_>, ctl: &Ctl) -> Result<(Found, Option<DVector<f64>>), PlaneError> {
         let unknowns = self.weights.len() - 1;
         let m = self.core.ports();
         let mut start = DVector::zeros(unknowns);
         if unknowns > 0 {
             let solution = maximise(&[(&self.weights, 1.0, 0.0)], unknowns, &start, ctl)?;
-            let Some(solution) = solution else { return Ok((Outcome::Neither, None)) };
+            let Some(solution) = solution else { return Ok((Outcome::Neither.into(), None)) };
             let best = solution.z[unknowns];
             if best <= FLOOR * 1.01 {
                 let wanted = &solution.duals[0] - DMatrix::identity(m, m) * (best / m as f64);
                 if let Some(found) = self.dual.coupling(&wanted) {
-                    return Ok((Outcome::Coupling(found), None));
+                    return Ok((Outcome::Coupling(found).into(), None));
                 }
                 let found = self.dual.turned(&DMatrix::zeros(m, self.core.states()), &wanted);
-                return Ok((self.certified(&found, Vec::new()), None));
+                return Ok((self.certified(&found, Vec::new()).into(), None));
             }
             start = solution.z.rows(0, unknowns).into_owned();
         }
         let mut cuts: Vec<Cut> = self.first_frequencies()?.into_iter().filter_map(|omega| self.cut(omega)).collect();
         let mut fallback = Outcome::Neither;
+        let mut margin = None;
         let mut closest: Option<(f64, DVector<f64>)> = None;
         for _ in 0..ROUNDS {
             ctl.check()?;
@@ -218,11 +239,12 @@ impl Plane<'_> {
             let Some(solution) = maximise(&blocks, unknowns, &start, ctl)? else { break };
             let z = solution.z.rows(0, unknowns).into_owned();
             let (low, high) = (solution.z[unknowns], -solution.dual_objective);
+            margin = Some(low.min(high));
             if high.max(low) <= 0.0 || low <= 0.0 {
                 let (n, frequencies) = self.multiplier(&solution, &cuts, &z);
                 let found = self.certified(&n, frequencies);
                 if found != Outcome::Neither || high.max(low) <= 0.0 {
-                    return Ok((found, None));
+                    return Ok((Found { outcome: found, margin }, None));
                 }
             }
             let r = self.r(&z);
@@ -234,7 +256,7 @@ impl Plane<'_> {
                     let Some(p) = self.reduced.solve(&shifted, &r) else { continue };
                     let Some(found) = primal.check_within(&p, &r, &self.core.rounding.k) else { continue };
                     if found.ratio > CLEAR {
-                        return Ok((Outcome::Primal(found), None));
+                        return Ok((Found { outcome: Outcome::Primal(found), margin }, None));
                     }
                     if found.ratio > 0.0 && closest.as_ref().is_none_or(|(ratio, _)| found.ratio > *ratio) {
                         closest = Some((found.ratio, found.moved));
@@ -255,7 +277,7 @@ impl Plane<'_> {
             }
             start = z;
         }
-        Ok((fallback, closest.map(|(_, moved)| moved)))
+        Ok((Found { outcome: fallback, margin }, closest.map(|(_, moved)| moved)))
     }
 
     /// Zero, infinity, and some of the sizes of the eigenvalues.

@@ -1,7 +1,8 @@
 //! A signal of a trial in the request.
 
-use crate::analysis::inputs::matrix::{dense, read_rows};
+use super::matrix::{dense, read_rows};
 use crate::analysis::problem::Problem;
+use crate::analysis::reading::wrong_inputs as wrong;
 use nalgebra::DMatrix;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -34,10 +35,27 @@ impl SampledSignal {
     }
 
     /// Samples × channels.
-    pub(crate) fn matrix(&self, name: &str, at: &str) -> Result<DMatrix<f64>, Problem> {
+    fn matrix(&self, name: &str, at: &str) -> Result<DMatrix<f64>, Problem> {
         match self {
             Self::List(values) => Ok(DMatrix::from_column_slice(values.len(), 1, values)),
             Self::Rows(rows) => dense(rows, name, at),
         }
+    }
+
+    /// Samples × channels, of two samples at least and of magnitudes up to a largest one.
+    pub(crate) fn checked(&self, name: &str, largest: f64, at: &str) -> Result<DMatrix<f64>, Problem> {
+        let found = self.matrix(name, at)?;
+        if found.nrows() < 2 || found.ncols() == 0 {
+            let (rows, columns) = found.shape();
+            let detail = format!("the {name} has {rows} samples of {columns} numbers; 2 samples at least are needed");
+            return Err(wrong(detail, at));
+        }
+        for i in 0..found.nrows() {
+            if let Some(value) = found.row(i).iter().find(|v| v.is_nan() || v.abs() > largest) {
+                let detail = format!("the {name} is {value:e} at sample {i}; magnitudes up to {largest:e} are taken");
+                return Err(wrong(detail, format!("{at}/{i}")));
+            }
+        }
+        Ok(found)
     }
 }
