@@ -3,8 +3,9 @@
 //! `cargo bench --bench design` asserts the targets of one core: the case of Priess 2015, chapter 5 (300 samples) from
 //! the 63-chip sequence to
 //! 1.93 times its information in 2 s, and 1,200 samples in 60 s. It prints the times of the longest kinds of excitation
-//! as documented, and how long the judgement of two million samples takes to stop when told at random moments.
-//! `-- --smoke` asserts no times and leaves the long ones out.
+//! as documented, asserts the processor time of a limited lead and of the default robust design, and prints how long
+//! the judgement of two million samples takes to stop when told at random moments. `-- --smoke` asserts no times and
+//! leaves the long ones out.
 #![allow(unreachable_pub, clippy::unwrap_used, clippy::print_stdout)]
 
 use serde_json::{Value, json};
@@ -22,13 +23,17 @@ fn main() {
     run(300, 2.0, !smoke);
     if !smoke {
         run(1200, 60.0, true);
-        let lead = json!({"structure": "lead", "band_hz": 5, "limits": {"force": 2000, "disturbance_norm": 0.001}});
-        let signal = json!({
-            "generator": {"kind": "prts", "order": 5, "chip_s": 0.2, "amplitude": 0.05}, "sample_time_s": 0.001
-        });
-        let drive = json!({"mass_kg": 10, "damping_ns_per_m": 50});
-        kind("compensator_design", &json!({"plant": drive, "signal": signal}), &lead);
-        kind("robust_input_design", &json!({"axis": "flexion_extension"}), &json!({"draws": 16}));
+        // The lead of older versions of the README: what force and disturbance allow bounds the answer.
+        for (amplitude, force, target_s) in [(0.02, 500, Some(4.0)), (0.05, 2000, None)] {
+            let limits = json!({"force": force, "disturbance_norm": 0.001});
+            let lead = json!({"structure": "lead", "band_hz": 5, "limits": limits});
+            let signal = json!({
+                "generator": {"kind": "prts", "order": 5, "chip_s": 0.2, "amplitude": amplitude}, "sample_time_s": 0.001
+            });
+            let drive = json!({"mass_kg": 10, "damping_ns_per_m": 50});
+            kind("compensator_design", &json!({"plant": drive, "signal": signal}), &lead, target_s);
+        }
+        kind("robust_input_design", &json!({"axis": "flexion_extension"}), &json!({}), Some(8.0));
         stops();
     }
 }
@@ -37,14 +42,35 @@ fn plan(kind: &str, inputs: &Value, spec: &Value) -> Plan {
     Plan::parse(&Request { kind: kind.to_owned(), inputs: inputs.clone(), spec: spec.clone() }).unwrap()
 }
 
-/// The time of one analysis, on the threads of the pool.
-fn kind(name: &str, inputs: &Value, spec: &Value) {
+/// Processor time of this process since it began, of all its threads; none where it is not told.
+#[cfg(unix)]
+#[allow(clippy::unnecessary_wraps, clippy::cast_precision_loss)]
+fn cpu_s() -> Option<f64> {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    Some(time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9)
+}
+
+#[cfg(not(unix))]
+fn cpu_s() -> Option<f64> {
+    None
+}
+
+/// The time of one analysis, on the threads of the pool; its processor time against a target.
+fn kind(name: &str, inputs: &Value, spec: &Value, target_s: Option<f64>) {
     let plan = plan(name, inputs, spec);
-    let begin = Instant::now();
+    let (begin, before) = (Instant::now(), cpu_s());
     let report = plan.run(&Library::default(), &Ctl::new()).unwrap();
-    println!("{name}: {:.2} s on {} threads", begin.elapsed().as_secs_f64(), rayon::current_num_threads());
-    if let Some(conclusion) = report.result["conclusion"].as_str() {
-        println!("  {conclusion}");
+    let wall_s = begin.elapsed().as_secs_f64();
+    println!("{name}: {wall_s:.2} s on {} threads", rayon::current_num_threads());
+    let spent_s = cpu_s().zip(before).map(|(after, before)| after - before);
+    if let Some(spent_s) = spent_s {
+        println!("  {spent_s:.2} s of processors (target {target_s:?})");
+        assert!(target_s.is_none_or(|target_s| spent_s <= target_s), "{spent_s} s");
+    }
+    for name in ["conclusion", "blsfg"] {
+        if !report.result[name].is_null() {
+            println!("  {name}: {}", report.result[name]);
+        }
     }
 }
 

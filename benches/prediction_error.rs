@@ -145,7 +145,7 @@ fn outside(people: u64, numbers: &[f64], joint: bool, remnant: Remnant, fixed: b
         let mut all = Vec::new();
         for (s, set) in sets.iter().enumerate() {
             let found = estimate(set, &settings, &Ctl::new()).unwrap();
-            let tests = found.residual_tests(set);
+            let tests = found.residual_tests(set, &Ctl::new()).unwrap();
             for (i, test) in tests.whiteness.iter().enumerate() {
                 let number = numbers[if joint { i } else { s }];
                 let laws = |omega: f64| {
@@ -184,7 +184,7 @@ fn inside(people: u64, times: u64) -> Vec<Outcome> {
                 let error = original.command.iter().zip(&output).map(|(r, y)| r - y).collect();
                 let again = [Record { control, output, error, ..original.clone() }];
                 let found = estimate(&again, &settings, &Ctl::new()).unwrap();
-                let white = found.residual_tests(&again).whiteness[0].is_white();
+                let white = found.residual_tests(&again, &Ctl::new()).unwrap().whiteness[0].is_white();
                 Some(outcome(&found, 0, group, values, &laws, white, seed))
             })
             .collect()
@@ -207,7 +207,7 @@ fn change(people: u64) {
                 let [low, high] = found.interval;
                 let white = [(&a, &found.estimates[0]), (&b, &found.estimates[1])]
                     .iter()
-                    .all(|(records, e)| e.residual_tests(records).all_white.is_white());
+                    .all(|(records, e)| e.residual_tests(records, &Ctl::new()).unwrap().all_white.is_white());
                 (holds(found.interval, truth(35) - truth(1)), white, (high - low) / truth(1))
             })
             .collect();

@@ -150,10 +150,15 @@ fn in_parts(values: Vec<Complex64>, direction: FftDirection, ctl: &Ctl) -> Resul
 fn by_convolution(values: &[Complex64], direction: FftDirection, ctl: &Ctl) -> Result<Vec<Complex64>, Stopped> {
     let n = values.len();
     let length = (2 * n - 1).next_power_of_two();
-    let chirp: Vec<Complex64> = (0..n as u128).map(|j| turn(j * j, 2 * n as u128, direction)).collect();
+    let mut chirp = Vec::with_capacity(n);
     let mut left = vec![Complex64::new(0.0, 0.0); length];
     let mut right = left.clone();
-    for (j, (x, w)) in values.iter().zip(&chirp).enumerate() {
+    for (j, x) in values.iter().enumerate() {
+        if j % AT_ONCE == 0 {
+            ctl.check()?;
+        }
+        let w = turn(j as u128 * j as u128, 2 * n as u128, direction);
+        chirp.push(w);
         left[j] = x * w;
         right[j] = w.conj();
         right[(length - j) % length] = w.conj();
@@ -162,6 +167,7 @@ fn by_convolution(values: &[Complex64], direction: FftDirection, ctl: &Ctl) -> R
     for (x, y) in product.iter_mut().zip(in_parts(right, FftDirection::Forward, ctl)?) {
         *x *= y / length as f64;
     }
+    ctl.check()?;
     let sums = in_parts(product, FftDirection::Inverse, ctl)?;
     Ok(sums.iter().zip(&chirp).map(|(x, w)| x * w).collect())
 }

@@ -3,6 +3,7 @@
 use super::feedforward::FeedforwardBasis;
 use super::lags::{Lags, Sharing};
 use super::record::Record;
+use crate::ctl::{Ctl, Stopped};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
@@ -76,30 +77,42 @@ pub(super) struct Columns {
 
 impl Columns {
     /// The columns of a record; those of the moving average, which depend on the residuals, are zero.
-    pub(super) fn new(record: &Record, lags: &Lags, basis: &FeedforwardBasis, layout: &Layout, block: usize) -> Self {
+    ///
+    /// # Errors
+    /// [`Stopped`].
+    pub(super) fn new(
+        record: &Record,
+        lags: &Lags,
+        basis: &FeedforwardBasis,
+        layout: &Layout,
+        block: usize,
+        ctl: &Ctl,
+    ) -> Result<Self, Stopped> {
         let rows = lags.rows(record.samples());
         let mut columns = DMatrix::zeros(rows.len(), layout.all);
         if !layout.feedforward.is_empty() {
-            let design = basis.design(&record.command, &rows);
+            let design = basis.design(&record.command, &rows, ctl)?;
             columns.columns_mut(layout.feedforward.start, layout.feedforward.len()).copy_from(&design);
         }
         let mut lagged = |column: usize, signal: &[f64], lag: usize| {
+            ctl.check()?;
             let from = rows.start - lag;
             columns.column_mut(column).copy_from_slice(&signal[from..from + rows.len()]);
+            Ok(())
         };
         for (k, column) in layout.autoregressive.clone().enumerate() {
-            lagged(column, &record.control, k + 1);
+            lagged(column, &record.control, k + 1)?;
         }
         for (k, column) in layout.feedback.clone().enumerate() {
-            lagged(column, &record.error, lags.feedback[0] + k);
+            lagged(column, &record.error, lags.feedback[0] + k)?;
         }
         if block > 0 {
             for k in 0..lags.errors() {
                 let column = layout.blocks.start + (block - 1) * lags.errors() + k;
-                lagged(column, &record.error, lags.feedback[0] + k);
+                lagged(column, &record.error, lags.feedback[0] + k)?;
             }
         }
-        Self { columns, target: DVector::from_column_slice(&record.control[rows]) }
+        Ok(Self { columns, target: DVector::from_column_slice(&record.control[rows]) })
     }
 }
 

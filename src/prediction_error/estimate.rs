@@ -141,13 +141,14 @@ pub(super) fn estimate_form(
     }
     let columns = records.iter().enumerate().map(|(i, record)| {
         let block = form.blocks.as_ref().map_or(0, |blocks| blocks[i]);
-        Columns::new(record, lags, &basis, &layout, block)
+        Columns::new(record, lags, &basis, &layout, block, ctl)
     });
     let correlation = correlation(first.sample_time_s);
     let found: Result<(Joint, bool), RegressionError> = if lags.moving_average == 0 {
         solve(columns, &layout, with_covariance.then_some(correlation), ctl).map(|joint| (joint, true))
     } else {
-        solve_with_moving_average(&columns.collect::<Vec<_>>(), &layout, correlation, ctl)
+        let columns = columns.collect::<Result<Vec<_>, Stopped>>()?;
+        solve_with_moving_average(&columns, &layout, correlation, ctl)
     };
     let (joint, settled) = found.map_err(|error| match error {
         RegressionError::Dependent(column) => EstimateError::Dependent { what: name(&layout, lags, column) },

@@ -12,7 +12,9 @@
 
 use super::lags::Lags;
 use super::orthonormal::orthonormalise;
+use super::tall::blocks;
 use crate::control::System;
+use crate::ctl::{Ctl, Stopped};
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 use std::ops::Range;
@@ -46,7 +48,9 @@ impl FeedforwardBasis {
                 (before, here) = (here, ((2.0 * n + 1.0) * place(i) * here - n * before) / (n + 1.0));
             }
         }
-        Self { ahead: lags.ahead, weights: orthonormalise(&columns).q, zeros }
+        // A few hundred rows: nothing that must be stopped.
+        let weights = orthonormalise(&[&columns], &Ctl::new()).map_or(columns, |found| found.q);
+        Self { ahead: lags.ahead, weights, zeros }
     }
 
     /// The number of columns.
@@ -64,19 +68,29 @@ impl FeedforwardBasis {
     /// The columns for the rows of a command. What was before its first sample is taken as zero, as in a trial that
     /// starts from rest.
     #[must_use]
-    pub(super) fn design(&self, command: &[f64], rows: &Range<usize>) -> DMatrix<f64> {
-        let (window, terms) = self.weights.shape();
+    ///
+    /// # Errors
+    /// [`Stopped`].
+    pub(super) fn design(&self, command: &[f64], rows: &Range<usize>, ctl: &Ctl) -> Result<DMatrix<f64>, Stopped> {
+        let terms = self.weights.ncols();
         let slow = recursion(&self.zeros, command);
-        DMatrix::from_fn(rows.len(), self.columns(), |i, j| {
-            let t = rows.start + i;
-            if j < terms {
-                // Sample t + ahead has lag −ahead, the first weight.
-                let newest = t + self.ahead;
-                (0..window).map(|k| self.weights[(k, j)] * command[newest - k]).sum()
-            } else {
-                slow[t - (j - terms)]
+        let mut design = DMatrix::zeros(rows.len(), self.columns());
+        for (j, mut column) in design.column_iter_mut().enumerate() {
+            for block in blocks(rows.len()) {
+                ctl.check()?;
+                for i in block {
+                    let t = rows.start + i;
+                    column[i] = if j < terms {
+                        // Sample t + ahead has lag −ahead, the first weight.
+                        let newest = t + self.ahead;
+                        self.weights.column(j).iter().enumerate().map(|(k, w)| w * command[newest - k]).sum()
+                    } else {
+                        slow[t - (j - terms)]
+                    };
+                }
             }
-        })
+        }
+        Ok(design)
     }
 
     /// The response of each column, `Σ_k w_k e^{−jω(k − ahead)T}` or `e^{−jωkT}/Z`, at ω T in rad.
@@ -168,7 +182,7 @@ mod tests {
         let wave: Vec<f64> = (0..900).map(|t| (omega_t * f64::from(t)).cos()).collect();
         // Late rows, so that the poles have forgotten the start.
         let rows = 800..850;
-        let columns = basis.design(&wave, &rows);
+        let columns = basis.design(&wave, &rows, &Ctl::new()).unwrap();
         let responses = basis.responses(omega_t);
         assert_eq!((columns.ncols(), responses.len()), (7, 7));
         for (j, response) in responses.iter().enumerate() {

@@ -33,3 +33,4 @@ pub mod record;
 pub mod reduction;
 mod regression;
 pub mod residuals;
+mod tall;

@@ -6,7 +6,8 @@
 use super::design::{Columns, Layout};
 use super::feedforward::recursion;
 use super::regression::{Joint, RegressionError, solve};
-use crate::ctl::Ctl;
+use super::tall::columns;
+use crate::ctl::{Ctl, Stopped};
 use crate::num::Polynomial;
 use nalgebra::{DMatrix, DVector};
 
@@ -34,7 +35,7 @@ pub(super) fn solve_with_moving_average(
     let mut best = plain.deviance;
     let mut settled = false;
     for _ in 0..MOST_STEPS {
-        let steps = solve(filtered(records, &parameters, layout), layout, None, ctl)?;
+        let steps = solve(filtered(records, &parameters, layout, ctl), layout, None, ctl)?;
         let mut scale = 1.0;
         let mut taken = false;
         for _ in 0..MOST_HALVINGS {
@@ -59,7 +60,7 @@ pub(super) fn solve_with_moving_average(
         }
     }
     // At the optimum the last regression's step is zero; its covariance is that of the parameters.
-    let mut last = solve(filtered(records, &parameters, layout), layout, Some(correlation), ctl)?;
+    let mut last = solve(filtered(records, &parameters, layout, ctl), layout, Some(correlation), ctl)?;
     for ((solution, p), record) in last.records.iter_mut().zip(parameters).zip(records) {
         let w = noise(record, &p, layout);
         solution.variance = w.norm_squared() / w.len() as f64;
@@ -77,7 +78,7 @@ fn without(records: &[Columns], layout: &Layout, ctl: &Ctl) -> Result<Joint, Reg
     let own = keep.iter().filter(|j| **j < layout.own).count();
     let smaller = Layout { own, all: keep.len(), ..layout.clone() };
     let reduced =
-        records.iter().map(|r| Columns { columns: r.columns.select_columns(&keep), target: r.target.clone() });
+        records.iter().map(|r| Ok(Columns { columns: columns(&r.columns, &keep, ctl)?, target: r.target.clone() }));
     let mut found = solve(reduced, &smaller, None, ctl)?;
     for record in &mut found.records {
         let mut all = DVector::zeros(layout.all);
@@ -126,13 +127,15 @@ fn filtered<'a>(
     records: &'a [Columns],
     parameters: &'a [DVector<f64>],
     layout: &'a Layout,
-) -> impl Iterator<Item = Columns> + 'a {
+    ctl: &'a Ctl,
+) -> impl Iterator<Item = Result<Columns, Stopped>> + 'a {
     records.iter().zip(parameters).map(move |(record, p)| {
         let c = c_of(p, layout);
         let w = noise(record, p, layout);
         let filtered_noise = recursion(&c, w.as_slice());
         let mut columns = DMatrix::zeros(record.columns.nrows(), layout.all);
         for (j, column) in record.columns.column_iter().enumerate() {
+            ctl.check()?;
             if layout.moving_average.contains(&j) {
                 let lag = j - layout.moving_average.start + 1;
                 for t in lag..columns.nrows() {
@@ -143,6 +146,6 @@ fn filtered<'a>(
                 columns.column_mut(j).copy_from_slice(&recursion(&c, &x));
             }
         }
-        Columns { columns, target: w }
+        Ok(Columns { columns, target: w })
     })
 }

@@ -1,5 +1,7 @@
 //! Orthonormal columns, with those left out that say nothing new.
 
+use super::tall::{remove, subtract};
+use crate::ctl::{Ctl, Stopped};
 use nalgebra::{DMatrix, DVector};
 
 /// A column whose part outside the span of those before it is smaller than this share of it depends on them.
@@ -17,35 +19,46 @@ pub(super) struct Orthonormal {
     pub kept: Vec<usize>,
 }
 
-/// Orthonormalises the columns of a matrix from left to right by the Gram–Schmidt process, each column projected twice
-/// ("twice is enough": Giraud, Langou and Rozložník, *Computers and Mathematics with Applications* 50, 2005).
+/// Orthonormalises the columns of matrices, one beside the other, from left to right by the Gram–Schmidt process, each
+/// column projected twice ("twice is enough": Giraud, Langou and Rozložník, *Computers and Mathematics with
+/// Applications* 50, 2005).
 ///
 /// Lags of a slow command differ by 1e-8 of their size. A covariance from the normal equations of such columns is not
 /// positive definite; one from an orthonormal basis is.
-pub(super) fn orthonormalise(columns: &DMatrix<f64>) -> Orthonormal {
-    let mut q = DMatrix::zeros(columns.nrows(), columns.ncols().min(columns.nrows()));
+///
+/// # Errors
+/// [`Stopped`].
+pub(super) fn orthonormalise(parts: &[&DMatrix<f64>], ctl: &Ctl) -> Result<Orthonormal, Stopped> {
+    let rows = parts.first().map_or(0, |part| part.nrows());
+    let count: usize = parts.iter().map(|part| part.ncols()).sum();
+    let columns = || parts.iter().flat_map(|part| part.column_iter());
+    let mut q = DMatrix::zeros(rows, count.min(rows));
     let mut kept = Vec::with_capacity(q.ncols());
-    let largest = columns.column_iter().map(|column| column.norm()).fold(0.0, f64::max);
-    for (j, column) in columns.column_iter().enumerate() {
+    let mut largest = 0.0_f64;
+    for column in columns() {
+        ctl.check()?;
+        largest = largest.max(column.norm());
+    }
+    for (j, column) in columns().enumerate() {
+        ctl.check()?;
         let rank = kept.len();
         let size = column.norm();
         if rank == q.ncols() || size <= 0.0 || !size.is_finite() {
             continue;
         }
         let mut rest: DVector<f64> = column / size;
-        let basis = q.columns(0, rank);
-        for _ in 0..2 {
-            let inside = basis.tr_mul(&rest);
-            rest -= basis * inside;
-        }
+        let inside = subtract(&q, &DVector::zeros(rank), &mut rest, ctl)?;
+        let again = subtract(&q, &inside, &mut rest, ctl)?;
+        remove(&q, &again, &mut rest, ctl)?;
         let outside = rest.norm();
         if outside > DEPENDENT && outside * size > ROUNDING * largest {
             q.set_column(rank, &(rest / outside));
             kept.push(j);
         }
     }
+    // The columns beyond the rank are cut off where they are.
     let rank = kept.len();
-    Orthonormal { q: q.columns(0, rank).into_owned(), kept }
+    Ok(Orthonormal { q: q.resize_horizontally(rank, 0.0), kept })
 }
 
 #[cfg(test)]
@@ -61,7 +74,11 @@ mod tests {
             5 => 0.0,
             _ => wave(i, j as f64),
         });
-        let found = orthonormalise(&columns);
+        let ctl = Ctl::new();
+        let found = orthonormalise(&[&columns], &ctl).unwrap();
+        let apart = [columns.columns(0, 2).into_owned(), columns.columns(2, 4).into_owned()];
+        let both = orthonormalise(&[&apart[0], &apart[1]], &ctl).unwrap();
+        assert_eq!((&both.q, &both.kept), (&found.q, &found.kept));
         assert_eq!(found.kept, [0, 1, 4]);
         let defect = (found.q.tr_mul(&found.q) - DMatrix::identity(3, 3)).norm();
         assert!(defect < 1e-14, "{defect}");

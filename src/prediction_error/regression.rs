@@ -11,6 +11,7 @@
 
 use super::design::{Columns, Layout};
 use super::orthonormal::orthonormalise;
+use super::tall::{product, remove, subtract};
 use crate::ctl::{Ctl, Stopped};
 use nalgebra::{DMatrix, DVector};
 
@@ -55,15 +56,16 @@ struct Compressed {
 }
 
 impl Compressed {
-    fn new(record: &Columns, own: usize) -> Self {
-        let found = orthonormalise(&record.columns);
+    fn new(record: &Columns, own: usize, ctl: &Ctl) -> Result<Self, Stopped> {
+        let found = orthonormalise(&[&record.columns], ctl)?;
         let kept: Vec<usize> = found.kept.iter().copied().filter(|j| *j < own).collect();
         let (first, shared) = (kept.len(), record.columns.ncols() - own);
         let second = found.q.ncols() - first;
-        let r = found.q.tr_mul(&record.columns);
-        let z = found.q.tr_mul(&record.target);
-        let outside = &record.target - &found.q * &z;
-        Self {
+        let r = product(&found.q, &record.columns, ctl)?;
+        let mut outside = record.target.clone();
+        let z = subtract(&found.q, &DVector::zeros(found.q.ncols()), &mut outside, ctl)?;
+        remove(&found.q, &z, &mut outside, ctl)?;
+        Ok(Self {
             r11: DMatrix::from_fn(first, first, |i, j| if i <= j { r[(i, kept[j])] } else { 0.0 }),
             r12: r.view((0, own), (first, shared)).into_owned(),
             r22: r.view((first, own), (second, shared)).into_owned(),
@@ -72,7 +74,7 @@ impl Compressed {
             q: found.q,
             kept,
             outside,
-        }
+        })
     }
 
     fn samples(&self) -> f64 {
@@ -99,13 +101,13 @@ impl Compressed {
     }
 
     /// The Newey–West sum of the record's scores.
-    fn meat(&self, residuals: &DVector<f64>, correlation: usize) -> DMatrix<f64> {
+    fn meat(&self, residuals: &DVector<f64>, correlation: usize, ctl: &Ctl) -> Result<DMatrix<f64>, Stopped> {
         let (samples, columns) = self.q.shape();
-        let mut meat = DMatrix::zeros(columns, columns);
         // Sums over correlation + 1 scores, from the first that holds one to the last: in blocks, so that each product
         // is one of matrices.
         let mut sums = DMatrix::zeros(samples + correlation, columns);
         for j in 0..columns {
+            ctl.check()?;
             let mut sum = 0.0;
             let column = self.q.column(j);
             for t in 0..samples + correlation {
@@ -118,8 +120,7 @@ impl Compressed {
                 sums[(t, j)] = sum;
             }
         }
-        meat.gemm_tr(1.0 / (correlation + 1) as f64, &sums, &sums, 0.0);
-        meat
+        Ok(product(&sums, &sums, ctl)? / (correlation + 1) as f64)
     }
 }
 
@@ -157,7 +158,7 @@ pub(super) struct Joint {
 
 /// Solves the regression of all records together, without covariances where `correlation` is `None`.
 pub(super) fn solve(
-    records: impl Iterator<Item = Columns>,
+    records: impl Iterator<Item = Result<Columns, Stopped>>,
     layout: &Layout,
     correlation: Option<usize>,
     ctl: &Ctl,
@@ -165,7 +166,7 @@ pub(super) fn solve(
     let mut compressed = Vec::new();
     for record in records {
         ctl.check()?;
-        let record = Compressed::new(&record, layout.own);
+        let record = Compressed::new(&record?, layout.own, ctl)?;
         // A command of few sinusoids determines few columns of the feedforward; everything else must be determined.
         let missing = (0..layout.own).find(|j| !record.kept.contains(j) && !layout.feedforward.contains(j));
         if let Some(missing) = missing {
@@ -182,7 +183,7 @@ pub(super) fn solve(
     for _ in 0..MOST_ROUNDS {
         ctl.check()?;
         if shared > 0 {
-            (s, inverse) = shared_parameters(&compressed, &weights, layout)?;
+            (s, inverse) = shared_parameters(&compressed, &weights, layout, ctl)?;
             used.clone_from(&weights);
         }
         let mut largest: f64 = 0.0;
@@ -212,7 +213,7 @@ pub(super) fn solve(
         let residuals = record.residuals(&s);
         if let Some(correlation) = correlation {
             let first = record.kept.len();
-            let meat = record.meat(&residuals, correlation);
+            let meat = record.meat(&residuals, correlation, ctl)?;
             // How the scores of this record move the shared parameters.
             let gain = &information * record.r22.transpose() * *weight;
             let second = meat.nrows() - first;
@@ -239,6 +240,7 @@ fn shared_parameters(
     compressed: &[Compressed],
     weights: &[f64],
     layout: &Layout,
+    ctl: &Ctl,
 ) -> Result<(DVector<f64>, DMatrix<f64>), RegressionError> {
     let shared = layout.all - layout.own;
     let rows: usize = compressed.iter().map(|record| record.r22.nrows()).sum();
@@ -250,7 +252,7 @@ fn shared_parameters(
         target.rows_mut(at, count).copy_from(&(&record.z2 * weight.sqrt()));
         at += count;
     }
-    let found = orthonormalise(&stacked);
+    let found = orthonormalise(&[&stacked], ctl)?;
     let is_missing = |j: &usize| !found.kept.contains(j) && !layout.feedforward.contains(&(layout.own + j));
     if let Some(missing) = (0..shared).find(is_missing) {
         return Err(RegressionError::Dependent(layout.own + missing));

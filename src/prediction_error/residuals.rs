@@ -17,6 +17,8 @@ use super::feedforward::{FeedforwardBasis, recursion};
 use super::lags::Lags;
 use super::orthonormal::orthonormalise;
 use super::record::Record;
+use super::tall::{rows as rows_of, subtract};
+use crate::ctl::{Ctl, Stopped};
 use crate::num::distributions::f_cdf;
 use nalgebra::{DMatrix, DVector};
 
@@ -98,8 +100,10 @@ pub struct ResidualTests {
 
 impl Estimate {
     /// Tests the residuals.
-    #[must_use]
-    pub fn residual_tests(&self, records: &[Record]) -> ResidualTests {
+    ///
+    /// # Errors
+    /// [`Stopped`].
+    pub fn residual_tests(&self, records: &[Record], ctl: &Ctl) -> Result<ResidualTests, Stopped> {
         let noise = (self.lags.autoregressive + self.lags.moving_average) as f64;
         let count = self.records.len() as f64;
         // Of shared parameters each record has its share.
@@ -108,10 +112,10 @@ impl Estimate {
             Test::chi_square(statistic, (records * (WHITENESS_LAGS as f64 - each)).max(1.0))
         };
         let portmanteau: Vec<f64> = self.records.iter().map(|r| ljung_box(&r.residuals)).collect();
-        let serial = self.serial(records);
+        let serial = self.serial(records, ctl)?;
         let all_serial = serial.iter().fold([0.0; 2], |[s, d], (statistic, degrees)| [s + statistic, d + degrees]);
-        let (later_command, later_error) = self.later(records);
-        ResidualTests {
+        let (later_command, later_error) = self.later(records, ctl)?;
+        Ok(ResidualTests {
             whiteness: portmanteau
                 .iter()
                 .zip(&serial)
@@ -126,13 +130,13 @@ impl Estimate {
             },
             later_command,
             later_error,
-        }
+        })
     }
 
     /// The score statistics of serial correlation of each record's residuals, with their degrees of freedom.
-    fn serial(&self, records: &[Record]) -> Vec<(f64, f64)> {
+    fn serial(&self, records: &[Record], ctl: &Ctl) -> Result<Vec<(f64, f64)>, Stopped> {
         let of = |(record, estimated): (&Record, &RecordEstimate)| {
-            let mut columns = Columns::new(record, &self.lags, &self.basis, &self.layout, 0).columns;
+            let mut columns = Columns::new(record, &self.lags, &self.basis, &self.layout, 0, ctl)?.columns;
             let w = DVector::from_column_slice(&estimated.residuals);
             let past = |t: usize, k: usize| t.checked_sub(k).map_or(0.0, |t| w[t]);
             // With a moving average the derivatives of w are the filtered columns.
@@ -140,6 +144,7 @@ impl Estimate {
             if !c.is_empty() {
                 let c: Vec<f64> = std::iter::once(1.0).chain(c).collect();
                 for j in 0..columns.ncols() {
+                    ctl.check()?;
                     let filtered = match self.layout.moving_average.contains(&j) {
                         true => {
                             let lag = j - self.layout.moving_average.start + 1;
@@ -152,13 +157,13 @@ impl Estimate {
                 }
             }
             let lagged = DMatrix::from_fn(w.len(), SERIAL_LAGS, |t, k| past(t, k + 1));
-            explained(&columns, &lagged, &w)
+            explained(&columns, &lagged, &w, ctl)
         };
         records.iter().zip(&self.records).map(of).collect()
     }
 
     /// Score tests of later lags, summed over records.
-    fn later(&self, records: &[Record]) -> (Test, Test) {
+    fn later(&self, records: &[Record], ctl: &Ctl) -> Result<(Test, Test), Stopped> {
         let lags = &self.lags;
         let window = lags.behind.max(LATER_COMMAND);
         let later = Lags { ahead: 0, behind: window, terms: LATER_COMMAND, ..lags.clone() };
@@ -171,37 +176,43 @@ impl Estimate {
             if rows.len() <= skip + 3 * self.layout.all {
                 continue;
             }
-            let columns = Columns::new(record, lags, &self.basis, &self.layout, 0).columns;
+            let columns = Columns::new(record, lags, &self.basis, &self.layout, 0, ctl)?.columns;
             let count = rows.len() - skip;
-            let inside = columns.rows(skip, count).into_owned();
+            let inside = rows_of(&columns, skip, count, ctl)?;
+            drop(columns);
             let w = DVector::from_column_slice(&estimated.residuals[skip..]);
             let from = rows.start + skip;
             let shifted: Vec<f64> = record.command[..record.samples() - lags.behind].to_vec();
             // The window of the command behind that of the form.
-            let of_command = later_basis.design(&shifted, &(from - lags.behind..from - lags.behind + count));
-            let of_error =
-                DMatrix::from_fn(count, lags.errors(), |i, k| record.error[from + i - lags.feedback[1] - 1 - k]);
+            let of_command = later_basis.design(&shifted, &(from - lags.behind..from - lags.behind + count), ctl)?;
+            let mut of_error = DMatrix::zeros(count, lags.errors());
+            for (k, mut column) in of_error.column_iter_mut().enumerate() {
+                ctl.check()?;
+                let earliest = from - lags.feedback[1] - 1 - k;
+                column.copy_from_slice(&record.error[earliest..earliest + count]);
+            }
             for (sums, more) in [(&mut command, of_command), (&mut error, of_error)] {
-                let (explained, degrees) = explained(&inside, &more, &w);
+                let (explained, degrees) = explained(&inside, &more, &w, ctl)?;
                 sums[0] += explained;
                 sums[1] += degrees;
             }
         }
         let test = |[statistic, degrees]: [f64; 2]| Test::chi_square(statistic, degrees.max(1.0));
-        (test(command), test(error))
+        Ok((test(command), test(error)))
     }
 }
 
 /// `n R²` of what columns explain of residuals beyond those of the form, and how many they are.
-fn explained(inside: &DMatrix<f64>, more: &DMatrix<f64>, w: &DVector<f64>) -> (f64, f64) {
-    let mut all = inside.clone().resize_horizontally(inside.ncols() + more.ncols(), 0.0);
-    all.columns_mut(inside.ncols(), more.ncols()).copy_from(more);
-    let found = orthonormalise(&all);
+fn explained(inside: &DMatrix<f64>, more: &DMatrix<f64>, w: &DVector<f64>, ctl: &Ctl) -> Result<(f64, f64), Stopped> {
+    let found = orthonormalise(&[inside, more], ctl)?;
     let before = found.kept.iter().filter(|j| **j < inside.ncols()).count();
-    let new = found.q.columns(before, found.q.ncols() - before);
-    let part = found.q.tr_mul(w);
-    let rest = w - found.q.columns(0, before) * part.rows(0, before);
-    (w.len() as f64 * new.tr_mul(&rest).norm_squared() / rest.norm_squared(), new.ncols() as f64)
+    let mut rest = w.clone();
+    let mut part = subtract(&found.q, &DVector::zeros(found.q.ncols()), &mut rest, ctl)?;
+    // What the form's own columns explain is taken off, and the others are asked what they explain of the rest.
+    part.rows_mut(before, found.q.ncols() - before).fill(0.0);
+    let left = subtract(&found.q, &part, &mut rest, ctl)?;
+    let new = left.rows(before, found.q.ncols() - before);
+    Ok((w.len() as f64 * new.norm_squared() / rest.norm_squared(), new.len() as f64))
 }
 
 /// The form whose columns the tests of hypotheses leave out; here so that a caller sees one door.

@@ -224,7 +224,7 @@ fn a_feedforward_with_slow_poles_needs_the_zeros_of_the_plant() {
             if truth.file.contains("_t40") {
                 let without = Settings { zeros: vec![1.0], ..settings(Group::Msd2) };
                 let other = run(one, &without);
-                let white = |e: &Estimate| e.residual_tests(one).whiteness[0].ljung_box.p_value;
+                let white = |e: &Estimate| e.residual_tests(one, &Ctl::new()).unwrap().whiteness[0].ljung_box.p_value;
                 assert!(white(&other) < 0.01 && white(&found) > 0.05, "{} {}", white(&other), white(&found));
                 assert!(norms(&other, 0, Group::Msd2)[1].value > 1.8 * truth.norm_feedback);
             }
@@ -243,7 +243,7 @@ fn intervals_hold_for_people_outside_the_class() {
         let person = Person::draw(group, 11_000 + seed);
         let one = [record(&person, 20.0, Remnant::Ar1, seed)];
         let found = run(&one, &settings(group));
-        if !found.residual_tests(&one).whiteness[0].is_white() {
+        if !found.residual_tests(&one, &Ctl::new()).unwrap().whiteness[0].is_white() {
             continue;
         }
         white += 1;
@@ -267,7 +267,7 @@ fn a_remnant_that_the_noise_model_misses_is_warned_of() {
         let norms = norms(&found, 0, group);
         if (0..2).any(|k| !holds(norms[k].interval(), person.norms(20.0)[k])) {
             failed += 1;
-            let tests = found.residual_tests(&one);
+            let tests = found.residual_tests(&one, &Ctl::new()).unwrap();
             warned += usize::from(!tests.whiteness[0].is_white());
         }
     }
@@ -291,7 +291,7 @@ fn a_moving_average_describes_the_sum_of_two_noises() {
             assert!(found.settled);
             let norms = norms(&found, 0, Group::Gm);
             *count += (0..2).filter(|k| holds(norms[*k].interval(), truth[*k])).count();
-            let p = found.residual_tests(&one).whiteness[0].serial.p_value;
+            let p = found.residual_tests(&one, &Ctl::new()).unwrap().whiteness[0].serial.p_value;
             assert!(how.lags.moving_average == 0 || p > 1e-3, "{seed}: {p}");
         }
     }

@@ -133,7 +133,7 @@ impl Analysis for Plan {
         step()?;
         let path = self.path(library, &signal)?;
         let answer = self.answer(&signal, &spectrum, path.as_ref(), ctl)?;
-        let flatness = self.flatness(&spectrum, answer.as_ref(), &lines, &mut warnings)?;
+        let flatness = self.flatness(&spectrum, answer.as_ref(), &lines, &mut warnings, ctl)?;
         if let Some(path) = &path {
             warnings.extend(slow_decay(path, &lines, spectrum.spacing_hz()));
         }
@@ -159,6 +159,7 @@ impl Analysis for Plan {
             warnings.push(Warning::new("limit_not_judged", message));
         }
         step()?;
+        // From here to the end each part passes over the lines a few times.
         let whole = band_flatness(&spectrum, &lines, None).map_err(|error| problems::band(&error, SIGNAL))?;
         let whole_answer = answer
             .as_ref()
@@ -297,12 +298,16 @@ impl Plan {
         answer: Option<&Spectrum>,
         lines: &[usize],
         warnings: &mut Vec<Warning>,
-    ) -> Result<Vec<FlatnessResult>, Problem> {
+        ctl: &Ctl,
+    ) -> Result<Vec<FlatnessResult>, Failure> {
         let mut results = Vec::new();
         for (i, band) in self.spec.band_hz.iter().enumerate() {
+            // A band may hold a million lines.
+            ctl.check()?;
             let at = format!("/spec/band_hz/{i}");
             let judge = |spectrum: &Spectrum| -> Result<_, BandError> { band_flatness(spectrum, lines, Some(*band)) };
             let own = judge(spectrum).map_err(|error| problems::band(&error, &at))?;
+            ctl.check()?;
             let other = answer.map(judge).transpose().map_err(|error| problems::band(&error, &at))?;
             let share = other.map_or(own.energy_fraction, |other| other.energy_fraction);
             if share < LITTLE {

@@ -67,8 +67,10 @@ pub(super) fn change(
     let (first, last) = (&records[..trials], &records[records.len() - trials..]);
     let found = change_of_feedback(first, last, &resolved.settings, resolved.band_rad_s, ctl);
     let Some(found) = unless_impossible(found)?.flatten() else { return Ok(None) };
-    let white = [(first, 0), (last, 1)].map(|(block, k)| found.estimates[k].residual_tests(block).all_white);
-    let doubts = white.map(|test| doubt(&test));
+    let mut doubts = [None, None];
+    for ((block, estimate), into) in [first, last].into_iter().zip(&found.estimates).zip(&mut doubts) {
+        *into = doubt(&estimate.residual_tests(block, ctl)?.all_white);
+    }
     let reason = doubts[0].clone().or_else(|| doubts[1].clone());
     Ok(Some(FeedbackChange {
         trials,
@@ -192,7 +194,7 @@ pub(super) fn moving_average(assembly: &Assembly<'_>, ctl: &Ctl) -> Result<Optio
     let lags = Lags { moving_average: MOVING_AVERAGE, ..settings.lags.clone() };
     let settings = Settings { lags, ..settings.clone() };
     let Some(found) = unless_impossible(estimate(assembly.records, &settings, ctl))? else { return Ok(None) };
-    let tests = found.residual_tests(assembly.records);
+    let tests = found.residual_tests(assembly.records, ctl)?;
     let of = |norm: Norm| {
         (0..found.records.len()).map(|i| assembly.norm(&found, i, norm, &tests.whiteness[i])).collect::<Vec<_>>()
     };

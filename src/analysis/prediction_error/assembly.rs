@@ -8,6 +8,7 @@ use super::result::{
 use super::spec::Resolved;
 use crate::control::model::TransferFunctionModel;
 use crate::control::{Discrete, Model, System, TransferFunction};
+use crate::ctl::{Ctl, Stopped};
 use crate::prediction_error::controllers::{Controllers, Norm};
 use crate::prediction_error::estimate::Estimate;
 use crate::prediction_error::loops::{Accounted, Law, sampled_plant};
@@ -50,15 +51,16 @@ impl<'a> Assembly<'a> {
         resolved: &'a Resolved,
         records: &'a [Record],
         found: &'a Estimate,
-    ) -> Self {
-        Self {
+        ctl: &Ctl,
+    ) -> Result<Self, Stopped> {
+        Ok(Self {
             resolved,
             records,
             found,
-            tests: found.residual_tests(records),
+            tests: found.residual_tests(records, ctl)?,
             plant: Box::new(plant_response(plant, own_sample_time_s)),
             sampled: sampled_plant(plant, resolved.sample_time_s),
-        }
+        })
     }
 
     pub(super) fn lags(&self) -> RegressionLags {

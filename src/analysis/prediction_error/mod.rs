@@ -91,7 +91,7 @@ impl Analysis for Plan {
         let names: Vec<&str> = fitted.iter().map(|trial| trial.name.as_str()).collect();
         let mut warnings: Vec<Warning> = divergent_warning(&fitted).into_iter().collect();
         warnings.extend(divergent_warning(&held_out));
-        let assembly = Assembly::new(&plant, trials[0].sample_time_s, &resolved, &records, &found);
+        let assembly = Assembly::new(&plant, trials[0].sample_time_s, &resolved, &records, &found, ctl)?;
         let fail = |error| failure(error, &fitted);
         let hypotheses = around::hypotheses(&assembly, ctl).map_err(fail)?;
         let change = around::change(&assembly, change_trials, ctl).map_err(fail)?;

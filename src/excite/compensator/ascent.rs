@@ -1,6 +1,6 @@
 //! Climbing to the best compensator near a start.
 
-use super::climb::climb;
+use super::climb::{Ending, climb};
 use super::design::{Design, DesignLimits};
 use super::space::{EDGE, Space};
 use crate::ctl::{Ctl, Stopped};
@@ -26,10 +26,17 @@ const FROM_NEAR: Outward = Outward { steps: 25, first: 1e-5 };
 const GROWTH: f64 = 1.6;
 /// Steps between a gain that breaks a limit and one that keeps it.
 const NARROWINGS: usize = 40;
-/// An edge is found when it is known this well, in the logarithm of the gain.
-const NARROW: f64 = 1e-8;
-/// A gain whose excess is this little below zero is on the edge.
-const AT_LIMIT: f64 = 1e-9;
+/// An edge is found when it is known to this share of the climb's ending, in the logarithm of the gain.
+const NARROW: f64 = 0.1;
+/// A gain whose excess is this share of the ending below zero is on the edge.
+const AT_LIMIT: f64 = 0.01;
+/// Gains this far apart tell which way is uphill.
+const SLOPE: f64 = 1e-5;
+/// The first step from a gain near an edge, at least and at most, by how much each is longer, and how many there are.
+const NEAREST: f64 = 1e-7;
+const FARTHEST: f64 = 0.05;
+const NEAR_GROWTH: f64 = 2.5;
+const NEAR_STEPS: usize = 6;
 /// Steps of a golden section along the gain, where the maximum is flat: to 5e-5.
 const ALONG: usize = 20;
 
@@ -72,7 +79,7 @@ impl Task<'_> {
     ///
     /// # Errors
     /// [`Stopped`].
-    pub(super) fn climb(&self, start: &[f64], spacing: &[f64]) -> Result<(Vec<f64>, f64), Stopped> {
+    pub(super) fn climb(&self, start: &[f64], spacing: &[f64], ending: Ending) -> Result<(Vec<f64>, f64), Stopped> {
         let mut stopped = None;
         let mut f = |x: &[f64]| {
             if let Err(reason) = self.ctl.check() {
@@ -80,7 +87,7 @@ impl Task<'_> {
             }
             if stopped.is_some() { f64::NEG_INFINITY } else { self.value(x) }
         };
-        let (mut x, mut value) = ascend(&mut f, start, spacing, &self.space.bounds);
+        let (mut x, mut value) = ascend(&mut f, start, spacing, &self.space.bounds, ending);
         let [low, high] = self.space.bounds[0];
         if high - low > EDGE {
             // The maximum over the gain is flat: a last golden section settles its place.
@@ -104,14 +111,19 @@ impl Task<'_> {
     ///
     /// # Errors
     /// [`Stopped`].
-    pub(super) fn climb_along_limits(&self, start: &[f64], spacing: &[f64]) -> Result<(Vec<f64>, f64), Stopped> {
+    pub(super) fn climb_along_limits(
+        &self,
+        start: &[f64],
+        spacing: &[f64],
+        ending: Ending,
+    ) -> Result<(Vec<f64>, f64), Stopped> {
         let mut stopped = None;
         let mut best = (start.to_vec(), f64::NEG_INFINITY);
         let mut f = |corners: &[f64]| {
             if stopped.is_some() {
                 return f64::NEG_INFINITY;
             }
-            match self.best_gain(best.0[0], corners) {
+            match self.best_gain(best.0[0], corners, ending) {
                 Err(reason) => {
                     stopped = Some(reason);
                     f64::NEG_INFINITY
@@ -128,46 +140,53 @@ impl Task<'_> {
         if start.len() == 1 {
             f(&[]);
         } else {
-            ascend(&mut f, &start[1..], &spacing[1..], &self.space.bounds[1..]);
+            ascend(&mut f, &start[1..], &spacing[1..], &self.space.bounds[1..], ending);
         }
         stopped.map_or(Ok(best), Err)
     }
 
     /// The best gain near `near` for some corners that keeps the limits; `None` where none was found.
-    fn best_gain(&self, near: f64, corners: &[f64]) -> Result<Option<(f64, f64)>, Stopped> {
+    fn best_gain(&self, near: f64, corners: &[f64], ending: Ending) -> Result<Option<(f64, f64)>, Stopped> {
         let [low, high] = self.space.bounds[0];
-        let at = |gain: f64| -> Vec<f64> { std::iter::once(gain).chain(corners.iter().copied()).collect() };
-        let value = |gain: f64| self.value(&at(gain));
+        let along = Along { task: self, corners, ending };
+        let value = |gain: f64| along.value(gain);
         self.ctl.check()?;
+        if ending.is_local
+            && let Some(edge) = along.near_edge(near)
+        {
+            return Ok(Some(edge));
+        }
         let top = if high - low < EDGE {
             low
         } else {
             let peak = golden_in(value, (near - REACH).max(low), (near + REACH).min(high), ALONG);
             if peak.value > value(near) { peak.at } else { near }
         };
-        let kept = |gain: f64| value(gain).is_finite() && self.keeps(&at(gain));
-        let excess = |gain: f64| if value(gain).is_finite() { self.excess(&at(gain)) } else { f64::INFINITY };
-        if kept(top) {
+        if along.keeps(top) {
             return Ok(Some((top, value(top))));
         }
         // From where the last one was kept, the way to the top ends at a limit.
         let mut best: Option<(f64, f64)> = None;
-        if kept(near) {
-            let edge = edge_of(&excess, near, top);
-            best = Some((edge, value(edge)));
+        let mut known: Option<f64> = None;
+        if along.keeps(near) {
+            let edge = along.edge(near, top);
+            (best, known) = (Some((edge, value(edge))), Some(edge));
         }
         for (from, outward) in [(top, FROM_TOP), (near, FROM_NEAR)] {
             if from == near && best.is_some() {
                 break;
             }
             for direction in [-1.0, 1.0] {
-                let Some(inside) = self.first_kept(&kept, &excess, from, direction, outward)? else { continue };
+                let Some([inside, outside]) = along.first_kept(from, direction, outward)? else { continue };
+                // Back on the way from where the last one was kept, the edge is that which is known.
+                let known = known.filter(|edge| (near.min(*edge)..=near.max(*edge)).contains(&inside));
+                let inside = known.unwrap_or_else(|| along.edge(inside, outside));
                 // Within what keeps the limits there may be a better place than its edge.
                 let further = if direction > 0.0 { (inside + REACH).min(high) } else { (inside - REACH).max(low) };
                 let peak = golden_in(value, inside.min(further), inside.max(further), ALONG);
                 for gain in [inside, peak.at] {
                     let reached = value(gain);
-                    if best.is_none_or(|(_, value)| reached > value) && kept(gain) {
+                    if best.is_none_or(|(_, value)| reached > value) && along.keeps(gain) {
                         best = Some((gain, reached));
                     }
                 }
@@ -175,26 +194,92 @@ impl Task<'_> {
         }
         Ok(best)
     }
+}
 
-    /// The edge of what keeps the limits, from a gain that does not, in a direction.
-    fn first_kept(
-        &self,
-        kept: &impl Fn(f64) -> bool,
-        excess: &impl Fn(f64) -> f64,
-        from: f64,
-        direction: f64,
-        outward: Outward,
-    ) -> Result<Option<f64>, Stopped> {
-        let [low, high] = self.space.bounds[0];
+/// The gains for some corners.
+struct Along<'a> {
+    task: &'a Task<'a>,
+    corners: &'a [f64],
+    ending: Ending,
+}
+
+impl Along<'_> {
+    fn at(&self, gain: f64) -> Vec<f64> {
+        std::iter::once(gain).chain(self.corners.iter().copied()).collect()
+    }
+
+    fn value(&self, gain: f64) -> f64 {
+        self.task.value(&self.at(gain))
+    }
+
+    fn is_stable(&self, x: &[f64]) -> bool {
+        self.task.design.is_stable(&self.task.space.compensator(x), 0.0)
+    }
+
+    fn keeps(&self, gain: f64) -> bool {
+        let x = self.at(gain);
+        self.is_stable(&x) && self.task.keeps(&x)
+    }
+
+    fn excess(&self, gain: f64) -> f64 {
+        let x = self.at(gain);
+        if self.is_stable(&x) { self.task.excess(&x) } else { f64::INFINITY }
+    }
+
+    fn edge(&self, inside: f64, outside: f64) -> f64 {
+        let excess = |gain: f64| self.excess(gain);
+        edge_of(&excess, (inside, excess(inside)), (outside, excess(outside)), self.ending)
+    }
+
+    /// The edge that bounds the better gains, where `near` is close to it: a few steps in place of a look around.
+    /// `None` where it is not, or where the better gains are not bounded there.
+    fn near_edge(&self, near: f64) -> Option<(f64, f64)> {
+        let [low, high] = self.task.space.bounds[0];
+        let inner = |gain: f64| gain >= low && gain <= high;
+        if !(inner(near - SLOPE) && inner(near + SLOPE)) {
+            return None;
+        }
+        let (down, up) = (self.value(near - SLOPE), self.value(near + SLOPE));
+        let uphill = if up > down { 1.0 } else { -1.0 };
+        let here = self.excess(near);
+        if !(down.is_finite() && up.is_finite() && here.is_finite()) {
+            return None;
+        }
+        // What keeps the limits lies downhill of what breaks them, or better gains lie beyond.
+        let towards = if here > 0.0 { -uphill } else { uphill };
+        let (mut last, mut step) = ((near, here), here.abs().clamp(NEAREST, FARTHEST));
+        for _ in 0..NEAR_STEPS {
+            let gain = near + towards * step;
+            if !inner(gain) {
+                return None;
+            }
+            let next = (gain, self.excess(gain));
+            let is_kept = next.1 <= 0.0;
+            if is_kept != (here <= 0.0) {
+                let (inside, outside) = if is_kept { (next, last) } else { (last, next) };
+                let edge = edge_of(&|gain| self.excess(gain), inside, outside, self.ending);
+                // Beyond the edge it must go on uphill.
+                let value = self.value(edge);
+                return (self.value(edge + uphill * SLOPE) > value).then_some((edge, value));
+            }
+            last = next;
+            step *= NEAR_GROWTH;
+        }
+        None
+    }
+
+    /// The first gain that keeps the limits, from one that does not, in a direction, and the last that does not.
+    fn first_kept(&self, from: f64, direction: f64, outward: Outward) -> Result<Option<[f64; 2]>, Stopped> {
+        let [low, high] = self.task.space.bounds[0];
         let (mut outside, mut step) = (from, outward.first);
         for _ in 0..outward.steps {
-            self.ctl.check()?;
+            self.task.ctl.check()?;
             let inside = from + direction * step;
             if inside < low || inside > high {
                 break;
             }
-            if kept(inside) {
-                return Ok(Some(edge_of(excess, inside, outside)));
+            if self.keeps(inside) {
+                return Ok(Some([inside, outside]));
             }
             outside = inside;
             step *= GROWTH;
@@ -205,19 +290,26 @@ impl Task<'_> {
 
 /// The last gain that keeps the limits on the way from one that does to one that does not: where their excess passes
 /// zero, by false position with halved ends (the Illinois method), and by halving where the excess is infinite.
-fn edge_of(excess: &impl Fn(f64) -> f64, mut inside: f64, mut outside: f64) -> f64 {
-    // The excess at both ends, halved where the other end moves twice.
-    let (mut below, mut above) = (excess(inside), excess(outside));
-    let (mut at_limit, mut last) = (below >= -AT_LIMIT, 0);
+///
+/// Both come with their excess.
+fn edge_of(
+    excess: &impl Fn(f64) -> f64,
+    (mut inside, mut below): (f64, f64),
+    (mut outside, mut above): (f64, f64),
+    ending: Ending,
+) -> f64 {
+    let (narrow, near) = (NARROW * ending.small, -AT_LIMIT * ending.small);
+    // The excess at an end is halved where the other end moves twice.
+    let (mut at_limit, mut last) = (below >= near, 0);
     for _ in 0..NARROWINGS {
-        if (outside - inside).abs() <= NARROW || at_limit {
+        if (outside - inside).abs() <= narrow || at_limit {
             break;
         }
         let share = if below.is_finite() && above.is_finite() { -below / (above - below) } else { 0.5 };
         let next = inside + share.clamp(1e-3, 1.0 - 1e-3) * (outside - inside);
         let reached = excess(next);
         if reached <= 0.0 {
-            (inside, below, at_limit) = (next, reached, reached >= -AT_LIMIT);
+            (inside, below, at_limit) = (next, reached, reached >= near);
             if last < 0 {
                 above *= 0.5;
             }
@@ -240,6 +332,7 @@ fn climb_among(
     (x, value): (&mut Vec<f64>, &mut f64),
     spacing: &[f64],
     bounds: &[[f64; 2]],
+    ending: Ending,
 ) {
     if unknowns.is_empty() {
         return;
@@ -253,7 +346,7 @@ fn climb_among(
         f(&whole)
     };
     let inside: Vec<[f64; 2]> = unknowns.iter().map(|i| bounds[*i]).collect();
-    let (found, reached) = climb(&mut part, &pick(x), &pick(spacing), &inside);
+    let (found, reached) = climb(&mut part, &pick(x), &pick(spacing), &inside, ending);
     if reached > *value {
         for (i, y) in unknowns.iter().zip(found) {
             x[*i] = y;
@@ -263,10 +356,16 @@ fn climb_among(
 }
 
 /// A climb in all free unknowns, then along the edges near which it ended.
-fn ascend(f: &mut impl FnMut(&[f64]) -> f64, start: &[f64], spacing: &[f64], bounds: &[[f64; 2]]) -> (Vec<f64>, f64) {
+fn ascend(
+    f: &mut impl FnMut(&[f64]) -> f64,
+    start: &[f64],
+    spacing: &[f64],
+    bounds: &[[f64; 2]],
+    ending: Ending,
+) -> (Vec<f64>, f64) {
     let free: Vec<usize> = (0..bounds.len()).filter(|i| bounds[*i][1] - bounds[*i][0] > EDGE).collect();
     let (mut x, mut value) = (start.to_vec(), f(start));
-    climb_among(f, &free, (&mut x, &mut value), spacing, bounds);
+    climb_among(f, &free, (&mut x, &mut value), spacing, bounds, ending);
     let mut inner = Vec::new();
     for i in free.iter().copied() {
         let [low, high] = bounds[i];
@@ -282,7 +381,7 @@ fn ascend(f: &mut impl FnMut(&[f64]) -> f64, start: &[f64], spacing: &[f64], bou
         }
     }
     if inner.len() < free.len() {
-        climb_among(f, &inner, (&mut x, &mut value), spacing, bounds);
+        climb_among(f, &inner, (&mut x, &mut value), spacing, bounds, ending);
     }
     (x, value)
 }

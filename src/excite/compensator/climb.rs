@@ -2,23 +2,39 @@
 
 /// Steps at most, in few unknowns, and for each of more.
 const STEPS: [usize; 2] = [400, 150];
-/// The simplex is as good as a point when it is this small, in the logarithms of the unknowns.
-const SMALL: f64 = 1e-7;
+
+/// When a climb ends.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ending {
+    /// The last simplex is as good as a point when it is this small, in the logarithms of the unknowns.
+    pub small: f64,
+    /// The sizes that the simplex begins with, one after the other, as shares of the one that is given, and at which
+    /// each ends, in the logarithms of the unknowns.
+    pub sizes: &'static [[f64; 2]],
+    /// Whether the edge that a climb runs along is followed from where it was last.
+    pub is_local: bool,
+}
+
+/// Which hill it is that a start lies on.
+pub(super) const COARSE: Ending = Ending { small: 1e-3, sizes: &[[1.0, 1e-3]], is_local: false };
+/// Its top, from where the coarse climb ended.
+pub(super) const FINE: Ending = Ending { small: 1e-7, sizes: &[[0.2, 1e-5], [0.01, 1e-7]], is_local: true };
 
 /// The method of Nelder and Mead (Computer Journal 7, 1965) for a maximum within a box, from a simplex of the given
 /// size; points outside the box are moved to its nearest point, and values of −∞ mark what may not be taken.
 ///
-/// Restarted once from its answer, with a smaller simplex.
+/// Restarted from its answer with every size of the ending.
 pub(super) fn climb(
     f: &mut impl FnMut(&[f64]) -> f64,
     start: &[f64],
     size: &[f64],
     bounds: &[[f64; 2]],
+    ending: Ending,
 ) -> (Vec<f64>, f64) {
     let (mut x, mut value) = (start.to_vec(), f(start));
-    for shrink in [1.0, 0.2, 0.01] {
+    for [shrink, small] in ending.sizes {
         let scaled: Vec<f64> = size.iter().map(|s| s * shrink).collect();
-        let (found, reached) = once(f, &x, &scaled, bounds);
+        let (found, reached) = once(f, &x, &scaled, bounds, *small);
         if reached > value {
             (x, value) = (found, reached);
         }
@@ -26,7 +42,13 @@ pub(super) fn climb(
     (x, value)
 }
 
-fn once(f: &mut impl FnMut(&[f64]) -> f64, start: &[f64], size: &[f64], bounds: &[[f64; 2]]) -> (Vec<f64>, f64) {
+fn once(
+    f: &mut impl FnMut(&[f64]) -> f64,
+    start: &[f64],
+    size: &[f64],
+    bounds: &[[f64; 2]],
+    small: f64,
+) -> (Vec<f64>, f64) {
     let n = start.len();
     let inside = |x: &mut Vec<f64>| x.iter_mut().zip(bounds).for_each(|(x, [low, high])| *x = x.clamp(*low, *high));
     let mut simplex: Vec<(Vec<f64>, f64)> = Vec::with_capacity(n + 1);
@@ -44,7 +66,7 @@ fn once(f: &mut impl FnMut(&[f64]) -> f64, start: &[f64], size: &[f64], bounds: 
         let spread = (0..n)
             .map(|j| simplex[1..].iter().map(|(x, _)| (x[j] - simplex[0].0[j]).abs()).fold(0.0, f64::max))
             .fold(0.0, f64::max);
-        if spread < SMALL {
+        if spread < small {
             break;
         }
         let centre: Vec<f64> = (0..n).map(|j| simplex[..n].iter().map(|(x, _)| x[j]).sum::<f64>() / n as f64).collect();
@@ -82,7 +104,13 @@ fn once(f: &mut impl FnMut(&[f64]) -> f64, start: &[f64], size: &[f64], bounds: 
 
 #[cfg(test)]
 mod tests {
-    use super::climb;
+    use super::{COARSE, Ending, FINE};
+
+    fn climb(f: &mut impl FnMut(&[f64]) -> f64, start: &[f64], size: &[f64], bounds: &[[f64; 2]]) -> (Vec<f64>, f64) {
+        let two = |f: &mut _, start: &[f64], ending: Ending| super::climb(f, start, size, bounds, ending);
+        let (coarse, _) = two(f, start, COARSE);
+        two(f, &coarse, FINE)
+    }
 
     #[test]
     fn it_finds_the_top_of_a_hill_and_the_edge_of_a_slope() {

@@ -3,18 +3,24 @@
 //! The loop of plant and compensator is `x⁺ = A x + B r`, and whatever is limited is a row `c x + d r` (or, of power, a
 //! product of two). A sequence stands still between its chips: over a piece of constant r the row's values are
 //! `h_i x₀ + g_i r` with `h_i = c A^i` and `g_i = d + Σ_{j<i} c A^j B`, the same for every piece. With `[h g] = Q R` no
-//! value of a piece is larger than `max‖q_i‖ ‖R (x₀, r)‖`, and pieces that cannot hold the peak are left out. A
+//! value of a piece is larger than `max‖q_i‖ ‖R (x₀, r)‖`, and pieces that cannot hold the peak are left out; within
+//! the others a block of samples around one in its middle has no value beyond `|y_c| + max‖q_i − q_c‖ ‖R (x₀, r)‖`. A
 //! reference without such pieces is followed sample by sample.
+
+mod stretch;
 
 use super::controller::{Compensator, Section};
 use crate::control::discretise::zero_order_hold_state_space;
 use crate::control::{Discrete, StateSpace, conversion};
 use crate::excite::path::SampledPlant;
+use stretch::{BLOCK, Stretch};
 
 /// The longest piece; longer ones are cut.
 const LONGEST: usize = 256;
 /// Lengths of pieces at most.
 const LENGTHS: usize = 12;
+/// Bounds are taken this much larger than they were computed.
+const HAIR: f64 = 1.0 + 1e-9;
 /// Pieces are worth it when they are this long on average.
 const WORTH: usize = 12;
 
@@ -193,8 +199,8 @@ impl Following {
 }
 
 impl FollowingLoop<'_> {
-    /// The peak of a quantity over the reference, or the first value that exceeds `enough`; 0 of one that
-    /// [`Following::knows`] not.
+    /// The peak of a quantity over the reference; with a finite `enough` some value that exceeds it where one does, and
+    /// some that does not where none does. 0 of one that [`Following::knows`] not.
     pub(super) fn peak(&self, limited: Limited, enough: f64) -> f64 {
         self.quantities(limited).iter().map(|quantity| self.peak_of(quantity, enough)).fold(0.0, f64::max)
     }
@@ -274,7 +280,6 @@ impl FollowingLoop<'_> {
         // (x₀, r) of every piece; the first sample of each is looked at at once.
         let mut starts = vec![0.0; width * pieces.len()];
         let mut peak = 0.0_f64;
-        let mut open: Vec<(f64, usize)> = Vec::new();
         for (place, (r, length)) in pieces.iter().enumerate() {
             let (done, rest) = starts.split_at_mut((place + 1) * width);
             let start = &mut done[place * width..];
@@ -284,31 +289,51 @@ impl FollowingLoop<'_> {
             if peak > enough {
                 return peak;
             }
-            let bound: f64 = rows.iter().map(|stretch| stretch.bound(start)).product();
-            open.push((bound, place));
             if rest.len() >= width {
                 leaps[*length].apply(start, &mut rest[..self.n]);
             }
         }
-        open.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let mut values = [[0.0; LONGEST]; 2];
+        // Those that may hold more, the most promising first; with a finite `enough` less is of no interest. A hair
+        // above, for the rounding of the bound.
+        let floor = if enough.is_finite() { enough } else { 0.0 };
+        let bound = |start: &[f64]| rows.iter().map(|stretch| stretch.bound(start)).product::<f64>() * HAIR;
+        let mut open: Vec<(f64, usize)> = starts
+            .chunks_exact(width)
+            .enumerate()
+            .filter_map(|(place, start)| Some((bound(start), place)).filter(|(bound, _)| *bound > peak.max(floor)))
+            .collect();
+        open.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        let mut centres = [[0.0; LONGEST / BLOCK]; 2];
+        let mut values = [[0.0; BLOCK]; 2];
         for (bound, place) in open {
-            // A hair above, for the rounding of the bound.
-            if bound * (1.0 + 1e-9) <= peak {
+            if bound <= peak.max(floor) {
                 break;
             }
             let start = &starts[place * width..(place + 1) * width];
             let length = lengths[pieces[place].1];
-            for (stretch, values) in rows.iter().zip(&mut values) {
-                stretch.write(start, &mut values[..length]);
+            let blocks = length.div_ceil(BLOCK);
+            let mut norms = [0.0; 2];
+            for ((stretch, centres), norm) in rows.iter().zip(&mut centres).zip(&mut norms) {
+                stretch.write_centres(start, &mut centres[..blocks]);
+                *norm = stretch.norm(start);
             }
-            let highest = match rows.len() {
-                1 => values[0][..length].iter().fold(0.0_f64, |most, y| most.max(y.abs())),
-                _ => values[0][..length].iter().zip(&values[1]).fold(0.0_f64, |most, (f, v)| most.max((f * v).abs())),
-            };
-            peak = peak.max(highest);
-            if peak > enough {
-                break;
+            for block in 0..blocks {
+                let most = |i: usize| centres[i][block].abs() + rows[i].spreads[block] * norms[i];
+                if (0..rows.len()).map(most).product::<f64>() * HAIR <= peak.max(floor) {
+                    continue;
+                }
+                let from = block * BLOCK;
+                let count = BLOCK.min(length - from);
+                for (stretch, values) in rows.iter().zip(&mut values) {
+                    stretch.write(start, from, &mut values[..count]);
+                }
+                for i in 0..count {
+                    let value: f64 = values[..rows.len()].iter().map(|values| values[i]).product();
+                    peak = peak.max(value.abs());
+                }
+                if peak > enough {
+                    return peak;
+                }
             }
         }
         peak
@@ -362,79 +387,6 @@ impl Leap {
     fn apply(&self, start: &[f64], into: &mut [f64]) {
         for (row, into) in self.power.chunks(self.width).zip(into) {
             *into = row.iter().zip(start).map(|(a, x)| a * x).sum();
-        }
-    }
-}
-
-/// The values of a row over a piece: columns `h` and `g`, and the bound of all but the first.
-struct Stretch {
-    columns: Vec<Vec<f64>>,
-    /// R, upper triangular, row by row.
-    triangle: Vec<f64>,
-    /// The largest ‖q_i‖ for i ≥ 1.
-    most: f64,
-}
-
-impl Stretch {
-    fn new(of: &FollowingLoop<'_>, row: &Row, length: usize) -> Self {
-        let (n, width) = (of.n, of.n + 1);
-        let mut columns = vec![Vec::with_capacity(length); width];
-        let (mut h, mut next, mut g) = (row.c.clone(), vec![0.0; n], row.d);
-        for _ in 0..length {
-            for (column, h) in columns.iter_mut().zip(&h) {
-                column.push(*h);
-            }
-            columns[n].push(g);
-            g += h.iter().zip(&of.b).map(|(h, b)| h * b).sum::<f64>();
-            next.fill(0.0);
-            for (i, h) in h.iter().enumerate() {
-                for (into, a) in next.iter_mut().zip(&of.a[i * n..(i + 1) * n]) {
-                    *into += h * a;
-                }
-            }
-            std::mem::swap(&mut h, &mut next);
-        }
-        // Gram and Schmidt's orthogonalisation as modified: H = Q R holds to rounding whatever the angles between the
-        // columns are, which is all that the bound needs.
-        let (mut q, mut triangle) = (columns.clone(), vec![0.0; width * width]);
-        for j in 0..width {
-            let (done, rest) = q.split_at_mut(j + 1);
-            let own = &mut done[j];
-            let norm = own.iter().map(|v| v * v).sum::<f64>().sqrt();
-            triangle[j * width + j] = norm;
-            if norm > 0.0 {
-                own.iter_mut().for_each(|v| *v /= norm);
-            }
-            for (k, other) in rest.iter_mut().enumerate() {
-                let share: f64 = own.iter().zip(other.iter()).map(|(a, b)| a * b).sum();
-                triangle[j * width + j + 1 + k] = share;
-                other.iter_mut().zip(own.iter()).for_each(|(b, a)| *b -= share * a);
-            }
-        }
-        let norms = (1..length).map(|i| q.iter().map(|column| column[i] * column[i]).sum::<f64>());
-        let most = norms.fold(0.0, f64::max).sqrt();
-        Self { columns, triangle, most }
-    }
-
-    fn first(&self, start: &[f64]) -> f64 {
-        self.columns.iter().zip(start).map(|(column, x)| column[0] * x).sum()
-    }
-
-    fn bound(&self, start: &[f64]) -> f64 {
-        let width = start.len();
-        let squares = (0..width).map(|i| {
-            let row = &self.triangle[i * width..(i + 1) * width];
-            row[i..].iter().zip(&start[i..]).map(|(r, x)| r * x).sum::<f64>().powi(2)
-        });
-        self.most * squares.sum::<f64>().sqrt()
-    }
-
-    fn write(&self, start: &[f64], into: &mut [f64]) {
-        into.fill(0.0);
-        for (column, x) in self.columns.iter().zip(start) {
-            for (into, h) in into.iter_mut().zip(column) {
-                *into += h * x;
-            }
         }
     }
 }

@@ -15,6 +15,7 @@
 mod ascent;
 mod bound;
 mod climb;
+mod climbs;
 mod controller;
 mod design;
 mod edge;

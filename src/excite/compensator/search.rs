@@ -2,6 +2,7 @@
 
 use super::ascent::Task;
 use super::bound::{Impossible, impossible};
+use super::climbs::{STEPS, climb_from};
 use super::controller::Compensator;
 use super::design::{Design, DesignLimits};
 use super::edge::Edge;
@@ -160,19 +161,8 @@ pub fn search(design: &Design, region: &SearchBox, limits: &DesignLimits, ctl: &
         })
         .collect();
     ctl.enter(Phase::Fit, 0.8);
-    ctl.set_total(starts.len() as u64);
-    let climbed: Vec<(Vec<f64>, f64)> = starts
-        .into_par_iter()
-        .map(|start| {
-            let end = if task.is_limited() {
-                task.climb_along_limits(&start, &spacing)
-            } else {
-                task.climb(&start, &spacing)
-            };
-            ctl.advance(1);
-            end
-        })
-        .collect::<Result<_, Stopped>>()?;
+    ctl.set_total(STEPS * starts.len() as u64);
+    let climbed = climb_from(&task, &starts, &spacing)?;
     best_of(&space, climbed, points, stable)
 }
 

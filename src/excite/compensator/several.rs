@@ -1,6 +1,7 @@
 //! Compensators of several sections, or of sections of second order: from the best of one section less.
 
 use super::ascent::Task;
+use super::climbs::{self, climb_from};
 use super::design::{Design, DesignLimits};
 use super::search::{self, DesignError, Found, best_of};
 use super::search_box::{SearchBox, SectionBox};
@@ -42,7 +43,7 @@ pub(super) fn search(
         Err(error) => return Err(error),
     };
     let first = usize::from(matches!(region.sections[0], SectionBox::First { .. }));
-    ctl.set_total((CLIMBS * (region.sections.len() - first)) as u64);
+    ctl.set_total(climbs::STEPS * (CLIMBS * (region.sections.len() - first)) as u64);
     let mut last = None;
     for count in 1 + first..=region.sections.len() {
         let part = SearchBox { sections: region.sections[..count].to_vec(), ..region.clone() };
@@ -97,22 +98,9 @@ fn stage(task: &Task<'_>, region: &SearchBox, known: Option<&Compensator>) -> Re
         return Err(DesignError::Limits { stable, reached: search::least_reached(task, &all)? });
     }
     let spacing: Vec<f64> = space.bounds.iter().map(|[low, high]| (high - low) / STEPS).collect();
-    let unused = (CLIMBS - chosen.len()) as u64;
-    let mut climbed: Vec<(Vec<f64>, f64)> = chosen
-        .iter()
-        .map(|i| starts[*i].clone())
-        .collect::<Vec<_>>()
-        .into_par_iter()
-        .map(|start| {
-            let end = if task.is_limited() {
-                task.climb_along_limits(&start, &spacing)
-            } else {
-                task.climb(&start, &spacing)
-            };
-            task.ctl.advance(1);
-            end
-        })
-        .collect::<Result<_, Stopped>>()?;
+    let unused = climbs::STEPS * (CLIMBS - chosen.len()) as u64;
+    let chosen: Vec<Vec<f64>> = chosen.iter().map(|i| starts[*i].clone()).collect();
+    let mut climbed = climb_from(task, &chosen, &spacing)?;
     task.ctl.advance(unused);
     // What is known already is never lost.
     climbed.extend(near.first().map(|i| (starts[*i].clone(), judged[*i].0)));

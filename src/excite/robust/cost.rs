@@ -1,8 +1,8 @@
 //! What an experiment costs with one subject: how far fits are from the truth, and how far the motion goes beyond the
 //! limits.
 
-use super::fit::fit;
-use super::sampled::{Sampled, State};
+use super::fit::{Fitted, fits};
+use super::motion::{Excursions, motions};
 use crate::control::Discrete;
 use crate::control::parametric::{Differentiated, ParametricModel};
 use crate::ctl::{Ctl, Stopped};
@@ -17,6 +17,12 @@ use rayon::prelude::*;
 pub const TOLERANCE: [f64; 2] = [1e-3, 1e-5];
 /// Subjects whose mean response the average subject is fitted to: as many as the thesis has.
 pub const AVERAGED: usize = 8;
+/// Draws that one thread simulates and fits together, at least and at most: enough to fill the lanes of a processor,
+/// and few enough for a stop to be seen in time.
+const LEAST_TOGETHER: usize = 8;
+const MOST_TOGETHER: usize = 64;
+/// Delays this near to a whole number of samples are one.
+const WHOLE: f64 = 1e-9;
 /// Between two steps of the target that the average subject is fitted with, s.
 const STEP_S: f64 = 2.5;
 
@@ -47,9 +53,9 @@ pub struct Setting {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Draw {
     /// Factors on I, b and k.
-    body: [f64; 3],
+    pub(super) body: [f64; 3],
     /// Muscle noise in units of T_v.
-    noise: Vec<f64>,
+    pub(super) noise: Vec<f64>,
 }
 
 /// The parts of the cost in one draw.
@@ -144,18 +150,9 @@ impl Setting {
         [self.muscle_lag_s, self.derivative_filter_s]
     }
 
-    /// The motion `[y, M, ÿ]` of a subject with a draw's body and noise.
-    fn motion(&self, theta: [f64; 4], target: &[f64], draw: &Draw) -> Option<Vec<[f64; 3]>> {
-        let gains = [theta[0], theta[1], theta[2]];
-        let model = Sampled::new(gains, self.body(draw.body), self.times(), self.time, false)?;
-        let (seen, _) = seen(target, theta[3], self.time.period_s());
-        let noise: Vec<f64> = draw.noise.iter().map(|w| w * self.population.noise_nm).collect();
-        Some(motion(&model, &seen, &noise))
-    }
-
-    /// Its angle.
+    /// The angle of a subject with a draw's body and noise.
     pub(super) fn angle(&self, theta: [f64; 4], target: &[f64], draw: &Draw) -> Option<Vec<f64>> {
-        Some(self.motion(theta, target, draw)?.iter().map(|m| m[0]).collect())
+        motions(self, theta, target, std::slice::from_ref(draw)).pop()?.map(|(angle, _)| angle)
     }
 
     /// θ_A: the subject whose response fits the mean response of [`AVERAGED`] subjects best, as the thesis has it of
@@ -180,41 +177,35 @@ impl Setting {
                 *sum += y / AVERAGED as f64;
             }
         }
-        Ok(fit(self, &target, &mean, middle, TOLERANCE[1], ctl)?.map_or(middle, |found| found.theta))
+        let fitted = fits(self, &target, &[&mean], middle, TOLERANCE[1], ctl)?.pop().flatten();
+        Ok(fitted.map_or(middle, |found| found.theta))
     }
 
-    fn body(&self, factors: [f64; 3]) -> [f64; 3] {
+    /// The body of a draw.
+    pub(super) fn body(&self, factors: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|i| self.population.body[i] * factors[i])
     }
 }
 
-/// The target as seen: straight between samples, zero before the first, `r(t_k − τ)`, and its derivative with respect
-/// to τ.
-pub(super) fn seen(target: &[f64], tau: f64, period_s: f64) -> (Vec<f64>, Vec<f64>) {
-    let back = tau / period_s;
-    let at = |k: isize| usize::try_from(k).ok().and_then(|k| target.get(k)).copied().unwrap_or(0.0);
+/// The target as seen: straight between samples, zero before the first, `r(t_k − τ)`.
+pub(super) fn seen(target: &[f64], tau: f64, period_s: f64) -> Vec<f64> {
+    let (whole, share) = delay(tau, period_s);
+    let at = |k: Option<usize>| k.and_then(|k| target.get(k)).copied().unwrap_or(0.0);
     (0..target.len())
         .map(|k| {
-            let place = k as f64 - back;
-            let low = place.floor();
-            let (left, right) = (at(low as isize), at(low as isize + 1));
-            (left + (place - low) * (right - left), -(right - left) / period_s)
-        })
-        .unzip()
-}
-
-/// The motion `[y, M, ÿ]` at every sample.
-fn motion(model: &Sampled, seen: &[f64], noise: &[f64]) -> Vec<[f64; 3]> {
-    let mut x = State::zeros();
-    seen.iter()
-        .zip(noise)
-        .map(|(r, w)| {
-            let y = model.c * x;
-            let found = [y[0], y[1], y[2] + model.noise_to_acceleration * w];
-            x = model.a * x + model.b[0] * *r + model.b[1] * *w;
-            found
+            let (left, right) = (at(k.checked_sub(whole)), at((k + 1).checked_sub(whole)));
+            left + share * (right - left)
         })
         .collect()
+}
+
+/// The delay τ = (D − f) T as whole samples D and the share f of one.
+pub(super) fn delay(tau: f64, period_s: f64) -> (usize, f64) {
+    let back = tau / period_s;
+    // A whole number but for rounding is one: the target's slope is that after the corner.
+    let near = back.round();
+    let whole = if (back - near).abs() < WHOLE { near } else { back.ceil() };
+    (whole as usize, (whole - back).max(0.0))
 }
 
 /// The cost of every draw for one subject and one target, on all threads of the pool. Where the excursions alone, which
@@ -231,41 +222,45 @@ pub fn costs(
     enough: f64,
     ctl: &Ctl,
 ) -> Result<Vec<DrawCost>, Stopped> {
-    let moved: Vec<Option<(Vec<f64>, DrawCost)>> = draws
-        .par_iter()
-        .map(|draw| {
+    // As many at once as keep every thread busy; whatever their number, each draw's cost is the same.
+    let together = draws.len().div_ceil(rayon::current_num_threads()).clamp(LEAST_TOGETHER, MOST_TOGETHER);
+    let moved: Vec<Vec<Option<(Vec<f64>, Excursions)>>> = draws
+        .par_chunks(together)
+        .map(|draws| {
             ctl.check()?;
-            Ok(excursions(setting, theta, target, draw))
+            Ok(motions(setting, theta, target, draws))
         })
         .collect::<Result<_, Stopped>>()?;
+    let moved: Vec<Option<(Vec<f64>, DrawCost)>> = moved
+        .into_iter()
+        .flatten()
+        .map(|found| {
+            let (record, excursions) = found?;
+            Some((record, DrawCost { error: 0.0, excursions, converged: false }))
+        })
+        .collect();
     let out = DrawCost { error: f64::MAX, excursions: [0.0; 3], converged: false };
     let known: f64 = moved.iter().map(|found| found.as_ref().map_or(f64::MAX, |(_, cost)| cost.total())).sum();
     if known >= enough * draws.len() as f64 {
         return Ok(moved.into_iter().map(|found| found.map_or(out, |(_, cost)| cost)).collect());
     }
-    moved
-        .into_par_iter()
-        .map(|found| {
-            let Some((record, mut cost)) = found else { return Ok(out) };
-            let Some(fitted) = fit(setting, target, &record, theta, tolerance, ctl)? else { return Ok(out) };
-            cost.error = fitted.theta.iter().zip(theta).map(|(found, theta)| ((found - theta) / theta).powi(2)).sum();
-            cost.converged = fitted.converged;
-            Ok(cost)
+    let found: Vec<Vec<DrawCost>> = moved
+        .par_chunks(together)
+        .map(|moved| {
+            let records: Vec<&[f64]> = moved.iter().flatten().map(|(record, _)| record.as_slice()).collect();
+            let mut fitted = fits(setting, target, &records, theta, tolerance, ctl)?.into_iter();
+            let cost = |(_, cost): &(Vec<f64>, DrawCost), fitted: Option<Fitted>| {
+                let Some(fitted) = fitted else { return out };
+                let error =
+                    fitted.theta.iter().zip(theta).map(|(found, theta)| ((found - theta) / theta).powi(2)).sum();
+                DrawCost { error, converged: fitted.converged, ..*cost }
+            };
+            let each =
+                moved.iter().map(|moved| moved.as_ref().map_or(out, |moved| cost(moved, fitted.next().flatten())));
+            Ok(each.collect())
         })
-        .collect()
-}
-
-/// The recorded angle of one draw, and what its excursions cost.
-fn excursions(setting: &Setting, theta: [f64; 4], target: &[f64], draw: &Draw) -> Option<(Vec<f64>, DrawCost)> {
-    let population = &setting.population;
-    let motion = setting.motion(theta, target, draw)?;
-    // Acceleration, torque and angle, in the order of the weights.
-    let limits = [(2, population.acceleration_rad_s2), (1, population.torque_nm), (0, population.angle_rad)];
-    let excursions = std::array::from_fn(|i| {
-        let (column, limit) = limits[i];
-        population.weights[i] / limit * motion.iter().map(|m| (m[column].abs() - limit).max(0.0)).sum::<f64>()
-    });
-    Some((motion.iter().map(|m| m[0]).collect(), DrawCost { error: 0.0, excursions, converged: false }))
+        .collect::<Result<_, Stopped>>()?;
+    Ok(found.into_iter().flatten().collect())
 }
 
 #[cfg(test)]
@@ -301,7 +296,7 @@ pub(super) mod tests {
         let found =
             costs(&setting, [2.5, 0.25, 16.0, 0.27], &wide, &draw, 1e-5, f64::INFINITY, &Ctl::new()).unwrap()[0];
         let model = setting.model(&[2.5, 0.25, 16.0, 0.27], setting.population.body, false).unwrap();
-        let (seen, _) = seen(&wide, 0.27, 0.02);
+        let seen = seen(&wide, 0.27, 0.02);
         let input = DMatrix::from_fn(wide.len(), 2, |k, j| if j == 0 { seen[k] } else { 0.0 });
         let output = model.respond(&input).unwrap().output;
         for (i, (column, limit, weight)) in [(2, 6.36, 70.0), (1, 7.87, 63.6), (0, 0.218, 21.8)].into_iter().enumerate()
@@ -334,9 +329,13 @@ pub(super) mod tests {
 
     #[test]
     fn the_seen_target_is_late() {
-        let (late, slope) = seen(&[0.0, 1.0, 3.0, 3.0], 0.05, 0.1);
-        assert_eq!(late, [0.0, 0.5, 2.0, 3.0]);
-        assert_eq!(slope[2], -20.0);
-        assert_eq!(seen(&[1.0, 2.0], 1.0, 0.1).0, [0.0, 0.0]);
+        assert_eq!(seen(&[0.0, 1.0, 3.0, 3.0], 0.05, 0.1), [0.0, 0.5, 2.0, 3.0]);
+        assert_eq!(seen(&[1.0, 2.0, 4.0], 0.1, 0.1), [0.0, 1.0, 2.0]);
+        assert_eq!(seen(&[1.0, 2.0], 1.0, 0.1), [0.0, 0.0]);
+        // A whole number of samples but for rounding.
+        assert_eq!(delay(0.24, 0.02), (12, 0.0));
+        assert_eq!(delay(0.3 - 0.06 + 1e-13, 0.02).0, 12);
+        let (whole, share) = delay(0.237, 0.02);
+        assert!(whole == 12 && (share - 0.15).abs() < 1e-12);
     }
 }

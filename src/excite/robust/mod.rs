@@ -19,6 +19,8 @@
 
 pub mod cost;
 mod fit;
+mod lanes;
+mod motion;
 mod sampled;
 pub mod search;
 

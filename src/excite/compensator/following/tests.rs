@@ -56,6 +56,8 @@ fn peaks_are_those_of_the_simulation() {
                     assert!(error < 1e-7, "{limited:?} {peak} {expected} {compensator:?}");
                     // Enough is enough.
                     assert!(found.peak(limited, 0.5 * expected) > 0.5 * expected);
+                    assert!(found.peak(limited, 0.999_999 * peak) > 0.999_999 * peak);
+                    assert!(found.peak(limited, 1.000_001 * peak) <= peak);
                 }
             }
             assert!(looked > 30, "{looked}");
