@@ -86,7 +86,8 @@ fn mend(defect: &TimeDefect, times: &[f64]) -> String {
     let longest = times.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
     if is_resamplable(defect) && longest <= LONGEST_GAP_S {
         "Ask for resample=linear, which is then stated with the trial; or cut the recording at the defect; or, where \
-         the samples are evenly spaced and only their times are wrong, leave the time column out and give the sample time."
+         the samples are evenly spaced and only their times are wrong, leave the time column out and give the sample \
+         time."
             .to_owned()
     } else {
         format!(
