@@ -32,7 +32,7 @@ pub(super) fn array(file: &[u8]) -> Result<Variables, Problem> {
 /// The arrays of an `.npz` file, by name.
 ///
 /// # Errors
-/// As [`array`], or where the archive is damaged or unpacks to more than is allowed.
+/// As [`array()`], or where the archive is damaged or unpacks to more than is allowed.
 pub(super) fn arrays(mut archive: Archive<'_>) -> Result<Variables, Problem> {
     let mut named = Vec::new();
     for (at, name) in archive.names().into_iter().enumerate() {

@@ -20,7 +20,7 @@ fn refused(bytes: &[u8], options: &Options) -> String {
 }
 
 /// An archive of files.
-pub fn zipped(files: &[(&str, &[u8])]) -> Vec<u8> {
+fn zipped(files: &[(&str, &[u8])]) -> Vec<u8> {
     let mut writer = zip::ZipWriter::new(Cursor::new(Vec::new()));
     for (name, bytes) in files {
         writer.start_file(*name, SimpleFileOptions::default()).unwrap();
@@ -225,7 +225,7 @@ fn sheets_that_are_no_recording_are_refused_in_words() {
 }
 
 /// A folder as Motion-BIDS has it: a table without names, its channels, its description.
-pub fn bids(rate: &str) -> Vec<(String, Vec<u8>)> {
+fn bids(rate: &str) -> Vec<(String, Vec<u8>)> {
     let stem = "sub-01/motion/sub-01_task-track_tracksys-rig";
     let rows: Vec<String> =
         (0..30).map(|i| format!("{}\t{}\t{}\t{}", 0.5 * f64::from(i), i, 3 * i, 0.02 * f64::from(i))).collect();

@@ -218,9 +218,9 @@ impl Kind {
     params(SubjectPath, UploadQuery, IdempotencyHeader),
     request_body(content(
         (String = "text/csv", example = "t,r,u,y\n0.00,0.0,0.0,0.0\n0.02,0.5,0.2,0.1\n0.04,1.0,0.4,0.3\n"),
-        (String = "text/tab-separated-values"), (String = "text/plain"), (Vec<u8> = "application/octet-stream"),
-        (Vec<u8> = "application/zip"),
-        (Vec<u8> = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
+        (String = "text/tab-separated-values"), (String = "text/plain"), (String = "application/octet-stream"),
+        (String = "application/zip"),
+        (String = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
         (TrialDocument = "application/json"), (UploadForm = "multipart/form-data"))),
     responses(
         (status = 201, description = "Stored; Location names a single trial. A form is answered by a list.",

@@ -68,8 +68,7 @@ pub(super) fn uneven(
     let start = times[0];
     let span = times[times.len() - 1] - start;
     let count = (span / step_s + 1e-9).floor() + 1.0;
-    // Written so that what is no number is refused.
-    if !(count <= options.limits.max_rows as f64) {
+    if !count.is_finite() || count > options.limits.max_rows as f64 {
         return Err(Problem::from(ReadError::TooManyRows { limit: options.limits.max_rows }));
     }
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the limit of rows")]
