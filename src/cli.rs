@@ -63,13 +63,19 @@ enum Command {
     ///
     /// Exits with 0, or 2 for a request that makes no sense.
     Figures(app::figures::FiguresArgs),
-    /// Import a folder of trials (CSV files with an index).
+    /// Look at a recording before it is imported: what it is taken for, its samples, gaps and doubts, and the command
+    /// that imports it.
+    ///
+    /// Exits with 0, or 2 for a file that is refused.
+    Check(app::check::CheckArgs),
+    /// Import a folder of recordings with an index.
     Import(app::import::ImportArgs),
     /// Execute one analysis from a file, without a server: report on standard output, problems on standard error.
     ///
     /// Exits with 0 for a report, 1 for an analysis that failed, 2 for bad input.
     Run {
-        /// A JSON document {"kind", "inputs", "spec"}; `-` reads standard input.
+        /// A JSON document {"kind", "inputs", "spec"}; `-` reads standard input. A trial in it may be the path of a
+        /// recording, relative to the document.
         spec: PathBuf,
         /// Compute threads; 0 for one on each processor.
         #[arg(long, value_name = "N", default_value_t = 0)]
@@ -115,6 +121,7 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         Command::Demo(args) => app::block_on(app::demo::demo(&args)),
         Command::Compare(args) => app::block_on(app::compare::compare(&args)),
         Command::Figures(args) => app::block_on(app::figures::figures(&args)),
+        Command::Check(args) => app::check::check(&args),
         Command::Import(args) => app::block_on(app::import::import(&args)),
         Command::Run { spec, compute_threads, csv, cache } => app::run::run(&spec, compute_threads, csv, &cache),
     }

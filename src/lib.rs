@@ -19,6 +19,7 @@
 //! - [`identify`], [`two_stimulus`], [`prediction_error`], [`likelihood`], [`inverse`], [`excite`], [`learning`]:
 //!   the mathematics of the kinds of analysis;
 //! - [`analysis`]: a request becomes a checked analysis, and that a [`Report`](analysis::Report);
+//! - [`exchange`]: files as labs have them, read into trials;
 //! - [`jobs`], [`store`], [`worker`], [`api`]: analyses as durable jobs, kept in SQLite, computed by workers, asked
 //!   for over HTTP;
 //! - [`app`], [`cli`], [`config`], [`telemetry`]: the parts put together.
@@ -46,6 +47,7 @@ pub mod config;
 pub mod control;
 pub mod convex;
 pub mod ctl;
+pub mod exchange;
 pub mod excite;
 pub mod figure;
 pub mod identify;

@@ -4,6 +4,7 @@ pub mod index;
 pub mod load;
 pub mod plant_text;
 
+use super::recordings::ReadingArgs;
 use crate::control::Model;
 use crate::store::Store;
 use anyhow::Context as _;
@@ -21,7 +22,7 @@ const REFUSED: u8 = 2;
 /// What to import, and into which study.
 #[derive(Debug, Clone, Args)]
 pub struct ImportArgs {
-    /// Folder with trials as CSV (gzip allowed; columns t, r, u, y and optionally d) and an index: index.csv with the
+    /// Folder with recordings (tables as text or JSON, packed with gzip or not) and an index: index.csv with the
     /// columns file, subject, trial and optionally group, session, plant, display_limit, or index.json or truth.json,
     /// an array of objects with these members, and plant_num and plant_den for the plant.
     pub folder: PathBuf,
@@ -45,6 +46,9 @@ pub struct ImportArgs {
     /// Import only rows with this text in a column of the index; may be repeated.
     #[arg(long = "where", value_name = "COLUMN=VALUE")]
     pub conditions: Vec<Condition>,
+    /// What the files do not say themselves.
+    #[command(flatten)]
+    pub reading: ReadingArgs,
 }
 
 /// Imports, prints what was done, and says by the exit code whether anything was refused (2).
@@ -62,7 +66,8 @@ pub async fn import(args: &ImportArgs) -> anyhow::Result<ExitCode> {
     let store = Store::open(Some(&args.database)).await?;
     let study = load::find_or_create_study(&store, &args.study, limit).await?;
     let bar = progress_bar("imported");
-    let outcome = load::load(&store, &study, &args.folder, &index, &plants, &bar).await;
+    let options = args.reading.options();
+    let outcome = load::load(&store, &study, &args.folder, &index, &plants, &options, &bar).await;
     bar.finish_and_clear();
     store.close().await;
     let outcome = outcome?;
@@ -102,7 +107,7 @@ fn plant_options(texts: &[String]) -> anyhow::Result<PlantOptions> {
     Ok(options)
 }
 
-fn model(text: &str) -> anyhow::Result<Model> {
+pub(super) fn model(text: &str) -> anyhow::Result<Model> {
     let model = if text.ends_with(".json") {
         let json = std::fs::read_to_string(text).with_context(|| format!("cannot read {text}"))?;
         serde_json::from_str(&json).with_context(|| format!("{text} holds no model {{num, den}} or {{a, b, c, d}}"))?

@@ -1,9 +1,11 @@
 //! What the commands do: the parts put together.
 
+pub mod check;
 pub mod compare;
 pub mod demo;
 pub mod figures;
 pub mod import;
+pub mod recordings;
 pub mod run;
 pub mod serve;
 

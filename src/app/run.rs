@@ -1,5 +1,6 @@
 //! `volition run SPEC.json`: one analysis without a server or a database.
 
+use super::recordings;
 use crate::analysis::{Code, Failure, Library, Plan, Problem, Request, samples};
 use crate::config::CacheArgs;
 use crate::ctl::{Bracket, Ctl, StopReason};
@@ -27,7 +28,7 @@ const FAILED: u8 = 1;
 /// # Errors
 /// Only when standard output cannot be written or a thread cannot be started.
 pub fn run(path: &Path, compute_threads: usize, csv: bool, cache: &CacheArgs) -> anyhow::Result<ExitCode> {
-    let plan = match read(path).and_then(|text| parse(&text)) {
+    let plan = match read(path).and_then(|text| parse(&text, folder_of(path))) {
         Ok(plan) => plan,
         Err(problem) => return refuse(&problem, BAD_INPUT),
     };
@@ -109,12 +110,18 @@ fn read(path: &Path) -> Result<String, Problem> {
     Ok(text)
 }
 
-fn parse(text: &str) -> Result<Plan, Problem> {
-    let request: Request = serde_json::from_str(text).map_err(|error| {
+/// Where files that a document names are looked for: beside it.
+fn folder_of(path: &Path) -> &Path {
+    path.parent().unwrap_or(Path::new(""))
+}
+
+fn parse(text: &str, folder: &Path) -> Result<Plan, Problem> {
+    let mut request: Request = serde_json::from_str(text).map_err(|error| {
         Problem::new(Code::Malformed, "the document is no analysis request", error.to_string())
             .at(format!("line {}, column {}", error.line(), error.column()))
             .mend("Write one JSON object {\"kind\", \"inputs\", \"spec\"}.")
     })?;
+    recordings::put_in(&mut request.inputs, folder, "/inputs")?;
     let plan = Plan::parse(&request)?;
     if plan.references().is_empty() {
         return Ok(plan);
@@ -125,7 +132,10 @@ fn parse(text: &str) -> Result<Plan, Problem> {
         "the inputs name stored trials or plants by id, and `run` works without a database",
     )
     .at("/inputs")
-    .mend("Put the data itself into the inputs, or post the document to a server at /v1/analyses."))
+    .mend(
+        "Put the data itself, or the path of a file in a trial's place, into the inputs; or post the document to a \
+         server at /v1/analyses.",
+    ))
 }
 
 fn stop_on_ctrl_c(ctl: Arc<Ctl>) -> std::io::Result<()> {

@@ -3,15 +3,20 @@
 //! The header's `t`, `r`, `u`, `y`, `d` (in either case, in any order) are the signals; a [`ColumnMapping`] gives a
 //! signal another name. Other columns are left out and reported by name. A byte order mark, empty lines at the end,
 //! spaces around a number and either line end are tolerated; comment lines, empty lines between rows and empty cells
-//! are not.
+//! are not. Tables that are written otherwise have a [`Dialect`].
+
+mod lines;
+
+pub use lines::split;
 
 use super::error::{Location, ReadError};
 use super::limits::Limits;
 use super::signals::{Channel, Signals, Trial};
 use super::{ReadTrial, TrialError};
+use lines::{Lines, Record, cells};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::io::{BufRead, BufReader, Read};
+use std::io::Read;
 
 /// No line of numbers is longer; a header or an extra column with text may be long, but not endless.
 const MAX_LINE_BYTES: usize = 1024 * 1024;
@@ -43,7 +48,9 @@ pub struct ColumnMapping {
 }
 
 impl ColumnMapping {
-    fn name(&self, channel: Channel) -> Option<&str> {
+    /// The name given for a signal.
+    #[must_use]
+    pub fn name(&self, channel: Channel) -> Option<&str> {
         match channel {
             Channel::Time => self.time.as_deref(),
             Channel::Command => self.command.as_deref(),
@@ -52,6 +59,62 @@ impl ColumnMapping {
             Channel::Disturbance => self.disturbance.as_deref(),
         }
     }
+
+    /// The place for the name of a signal.
+    pub fn name_mut(&mut self, channel: Channel) -> &mut Option<String> {
+        match channel {
+            Channel::Time => &mut self.time,
+            Channel::Command => &mut self.command,
+            Channel::Control => &mut self.control,
+            Channel::Output => &mut self.output,
+            Channel::Disturbance => &mut self.disturbance,
+        }
+    }
+}
+
+/// What stands between the cells of a row.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Delimiter {
+    /// A comma.
+    #[default]
+    Comma,
+    /// A semicolon.
+    Semicolon,
+    /// A tab.
+    Tab,
+    /// A vertical bar.
+    Bar,
+    /// Any number of spaces and tabs.
+    Spaces,
+}
+
+impl Delimiter {
+    /// The character; `None` for runs of spaces.
+    #[must_use]
+    pub fn character(self) -> Option<char> {
+        match self {
+            Self::Comma => Some(','),
+            Self::Semicolon => Some(';'),
+            Self::Tab => Some('\t'),
+            Self::Bar => Some('|'),
+            Self::Spaces => None,
+        }
+    }
+}
+
+/// How a table is written, where not as RFC 4180 has it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Dialect {
+    /// What stands between cells.
+    pub delimiter: Delimiter,
+    /// Whether numbers have a decimal comma, and no point.
+    pub decimal_comma: bool,
+    /// Whether what stands for a value that is not there, or an empty cell, is read as NaN, which no trial takes.
+    pub keeps_missing: bool,
+    /// Lines that begin with this are no rows.
+    pub comment: Option<String>,
+    /// The columns' names and the line of the first row (from 1), where the names are not the first line.
+    pub named: Option<(Vec<String>, u64)>,
 }
 
 /// How a CSV file is read.
@@ -61,6 +124,8 @@ pub struct Options {
     pub columns: ColumnMapping,
     /// The sample time; needed where there is no time column, checked against it where there is one.
     pub sample_time_s: Option<f64>,
+    /// How it is written.
+    pub dialect: Dialect,
     /// How much is read.
     pub limits: Limits,
 }
@@ -70,23 +135,46 @@ pub struct Options {
 /// # Errors
 /// The first [`ReadError`] from the top of the file, with its line (counted from 1, the header included) and column.
 pub fn read(source: impl Read, options: &Options) -> Result<ReadTrial, ReadError> {
+    let (signals, places) = read_columns(source, options)?;
+    let trial = Trial::from_signals(options.sample_time_s, signals).map_err(|error| {
+        let location = places.of(&error);
+        ReadError::Trial { error, location }
+    })?;
+    Ok(ReadTrial { trial, ignored_columns: places.header.ignored })
+}
+
+/// Reads the columns of signals as they stand, whatever their times, and where each value stood.
+///
+/// # Errors
+/// As [`read`], but for those of the whole trial.
+pub fn read_columns(source: impl Read, options: &Options) -> Result<(Signals, Places), ReadError> {
+    let dialect = &options.dialect;
     let mut lines = Lines::new(source, options.limits.max_bytes);
-    let Some(first) = lines.next_record(Vec::new())? else { return Err(ReadError::Empty) };
-    if first.text.trim_ascii().is_empty() {
-        while let Some(record) = lines.next_record(Vec::new())? {
-            if !record.text.trim_ascii().is_empty() {
-                return Err(ReadError::BlankLine { line: first.line });
+    let (header, mut spare, first_row) = if let Some((names, first_row)) = &dialect.named {
+        lines.pass_to(*first_row)?;
+        (Header::of(names.clone(), &options.columns)?, Vec::new(), *first_row)
+    } else {
+        let Some(first) = lines.next_record(Vec::new())? else { return Err(ReadError::Empty) };
+        if first.text.trim_ascii().is_empty() {
+            while let Some(record) = lines.next_record(Vec::new())? {
+                if !record.text.trim_ascii().is_empty() {
+                    return Err(ReadError::BlankLine { line: first.line });
+                }
             }
+            return Err(ReadError::Empty);
         }
-        return Err(ReadError::Empty);
-    }
-    let header = Header::parse(&first, &options.columns)?;
-    let mut table = Table::default();
+        (Header::parse(&first, options)?, first.text, 2)
+    };
+    let mut table = Table { first_row, ..Table::default() };
     let mut blank = None;
-    let mut spare = first.text;
     while let Some(record) = lines.next_record(std::mem::take(&mut spare))? {
-        if record.text.trim_ascii().is_empty() {
+        let text = record.text.trim_ascii();
+        if text.is_empty() {
             blank.get_or_insert(record.line);
+            spare = record.text;
+            continue;
+        }
+        if dialect.comment.as_ref().is_some_and(|marker| text.starts_with(marker.as_bytes())) {
             spare = record.text;
             continue;
         }
@@ -96,14 +184,65 @@ pub fn read(source: impl Read, options: &Options) -> Result<ReadTrial, ReadError
         if table.rows() >= options.limits.max_rows {
             return Err(ReadError::TooManyRows { limit: options.limits.max_rows });
         }
-        table.push(&header, &record)?;
+        table.push(&header, dialect, &record)?;
         spare = record.text;
     }
     if table.rows() == 0 {
         return Err(ReadError::NoRows);
     }
-    let trial = table.into_trial(&header, options.sample_time_s)?;
-    Ok(ReadTrial { trial, ignored_columns: header.ignored })
+    let columns = std::mem::take(&mut table.columns);
+    let [time, command, control, output, disturbance] = columns;
+    let signals = Signals {
+        time_s: header.positions[0].map(|_| time),
+        command,
+        control,
+        output,
+        disturbance: header.positions[4].map(|_| disturbance),
+    };
+    Ok((signals, Places { header, table }))
+}
+
+/// Where in a table its values stood.
+pub struct Places {
+    header: Header,
+    table: Table,
+}
+
+impl Places {
+    /// The columns that are no signals, by name, in the order of the file.
+    #[must_use]
+    pub fn ignored_columns(&self) -> &[String] {
+        &self.header.ignored
+    }
+
+    /// The line of a row: rows count from 0, lines from 1.
+    #[must_use]
+    pub fn line(&self, row: usize) -> u64 {
+        self.table.line(row)
+    }
+
+    /// How many rows there are.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.table.rows
+    }
+
+    /// The name of a signal's column.
+    #[must_use]
+    pub fn column(&self, channel: Channel) -> String {
+        Channel::ALL.iter().position(|c| *c == channel).map_or_else(String::new, |slot| self.header.column(slot))
+    }
+
+    /// What a defect of the whole trial is about.
+    #[must_use]
+    pub fn of(&self, error: &TrialError) -> Option<Location> {
+        let (channel, sample) = error.place();
+        let column = self.column(channel?);
+        Some(match sample {
+            Some(sample) => Location::Cell { line: self.line(sample), column },
+            None => Location::Column(column),
+        })
+    }
 }
 
 /// At most 40 characters of a text, for messages.
@@ -112,122 +251,6 @@ pub(super) fn shorten(text: &str) -> String {
     match text.char_indices().nth(KEPT) {
         Some((end, _)) => format!("{}…", &text[..end]),
         None => text.to_owned(),
-    }
-}
-
-/// A record and the line on which it begins.
-struct Record {
-    line: u64,
-    text: Vec<u8>,
-}
-
-/// Records of a text: a line, or several where a quoted cell holds line ends.
-struct Lines<R> {
-    source: BufReader<R>,
-    line: u64,
-    bytes_left: u64,
-    max_bytes: u64,
-}
-
-impl<R: Read> Lines<R> {
-    fn new(source: R, max_bytes: u64) -> Self {
-        Self { source: BufReader::with_capacity(64 * 1024, source), line: 0, bytes_left: max_bytes, max_bytes }
-    }
-
-    /// The next record, in the memory of one that is not needed any more.
-    fn next_record(&mut self, spare: Vec<u8>) -> Result<Option<Record>, ReadError> {
-        let line = self.line + 1;
-        let mut text = spare;
-        text.clear();
-        let mut quotes;
-        loop {
-            let began = text.len();
-            if !self.append_line(line, &mut text)? {
-                return if text.is_empty() { Ok(None) } else { Err(ReadError::Quotes { line }) };
-            }
-            if line == 1 && began == 0 && text.starts_with(b"\xef\xbb\xbf") {
-                text.drain(..3);
-            }
-            quotes = text.iter().filter(|byte| **byte == b'"').count();
-            if quotes % 2 == 0 {
-                break;
-            }
-            debug_assert!(text.len() > began, "a line has at least its line end");
-        }
-        if text.ends_with(b"\n") {
-            text.pop();
-        }
-        if text.ends_with(b"\r") {
-            text.pop();
-        }
-        if quotes == 0 && text.contains(&b'\r') {
-            return Err(ReadError::CarriageReturn { line });
-        }
-        if let Err(error) = std::str::from_utf8(&text) {
-            return Err(ReadError::NotUtf8 { line, byte: error.valid_up_to() + 1 });
-        }
-        Ok(Some(Record { line, text }))
-    }
-
-    /// Appends the next line with its line end; false at the end of the text.
-    fn append_line(&mut self, record_line: u64, text: &mut Vec<u8>) -> Result<bool, ReadError> {
-        let room = (MAX_LINE_BYTES + 1).saturating_sub(text.len()) as u64;
-        let allowed = room.min(self.bytes_left.saturating_add(1));
-        let count = self.source.by_ref().take(allowed).read_until(b'\n', text)?;
-        if count as u64 > self.bytes_left {
-            return Err(ReadError::TooManyBytes { limit: self.max_bytes });
-        }
-        self.bytes_left -= count as u64;
-        if text.len() > MAX_LINE_BYTES {
-            return Err(ReadError::LineTooLong { line: record_line, limit: MAX_LINE_BYTES });
-        }
-        self.line += u64::from(count > 0);
-        Ok(count > 0)
-    }
-}
-
-/// The cells of a record; quotes are resolved as RFC 4180 has it.
-fn cells(record: &Record) -> Result<Vec<String>, ReadError> {
-    let quotes = || ReadError::Quotes { line: record.line };
-    if !record.text.contains(&b'"') {
-        let text = std::str::from_utf8(&record.text).map_err(|_| ReadError::NotUtf8 { line: record.line, byte: 1 })?;
-        return Ok(text.split(',').map(str::to_owned).collect());
-    }
-    check_quotes(&record.text).ok_or_else(quotes)?;
-    let mut reader = csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(record.text.as_slice());
-    let mut cells = csv::StringRecord::new();
-    if !reader.read_record(&mut cells).map_err(|_| quotes())? {
-        return Err(quotes());
-    }
-    Ok(cells.iter().map(str::to_owned).collect())
-}
-
-/// `None` unless every quoted cell is quoted from its first to its last character. The csv crate would accept more, and
-/// guess.
-fn check_quotes(text: &[u8]) -> Option<()> {
-    let mut i = 0;
-    loop {
-        if text.get(i) == Some(&b'"') {
-            i += 1;
-            loop {
-                i += text[i..].iter().position(|byte| *byte == b'"')? + 1;
-                match text.get(i) {
-                    Some(b'"') => i += 1,
-                    Some(b',') | None => break,
-                    Some(_) => return None,
-                }
-            }
-        } else {
-            let end = text[i..].iter().position(|byte| *byte == b',').map_or(text.len(), |n| i + n);
-            if text[i..end].contains(&b'"') {
-                return None;
-            }
-            i = end;
-        }
-        if i >= text.len() {
-            return Some(());
-        }
-        i += 1;
     }
 }
 
@@ -240,8 +263,9 @@ struct Header {
 }
 
 impl Header {
-    fn parse(record: &Record, mapping: &ColumnMapping) -> Result<Self, ReadError> {
-        let names: Vec<String> = cells(record)?.iter().map(|name| name.trim().to_owned()).collect();
+    fn parse(record: &Record, options: &Options) -> Result<Self, ReadError> {
+        let names = cells(record, options.dialect.delimiter)?;
+        let names: Vec<String> = names.iter().map(|name| name.trim().to_owned()).collect();
         if names.iter().all(String::is_empty) {
             return Err(ReadError::NoHeader);
         }
@@ -253,6 +277,10 @@ impl Header {
         {
             return Err(ReadError::Delimiter { delimiter });
         }
+        Self::of(names, &options.columns)
+    }
+
+    fn of(names: Vec<String>, mapping: &ColumnMapping) -> Result<Self, ReadError> {
         if names.len() > MAX_COLUMNS {
             return Err(ReadError::LineTooLong { line: 1, limit: MAX_LINE_BYTES });
         }
@@ -332,8 +360,10 @@ fn refuse_duplicates(names: &[String]) -> Result<(), ReadError> {
 #[derive(Default)]
 struct Table {
     columns: [Vec<f64>; 5],
-    /// Rows whose line is not the one after the row before, with their line (a quoted cell held a line end). A row
-    /// before the first of them is on its number plus 2, since rows count from 0, lines from 1, and there is a header.
+    /// The line of the first row.
+    first_row: u64,
+    /// Rows whose line is not the one after the row before, with their line: a quoted cell held a line end, or there
+    /// was a comment.
     jumps: Vec<(usize, u64)>,
     rows: usize,
 }
@@ -344,32 +374,25 @@ impl Table {
     }
 
     fn line(&self, row: usize) -> u64 {
-        let (from, line) = self.jumps.iter().rev().find(|(at, _)| *at <= row).copied().unwrap_or((0, 2));
+        let (from, line) = self.jumps.iter().rev().find(|(at, _)| *at <= row).copied().unwrap_or((0, self.first_row));
         line + (row - from) as u64
     }
 
-    fn push(&mut self, header: &Header, record: &Record) -> Result<(), ReadError> {
+    fn push(&mut self, header: &Header, dialect: &Dialect, record: &Record) -> Result<(), ReadError> {
         if self.line(self.rows) != record.line {
             self.jumps.push((self.rows, record.line));
         }
-        let (expected, line) = (header.names.len(), record.line);
+        let line = record.line;
         if record.text.contains(&b'"') {
-            let cells = cells(record)?;
-            self.push_cells(header, line, cells.len(), |position| cells[position].as_str())?;
+            let cells = cells(record, dialect.delimiter)?;
+            self.push_cells(header, dialect, line, cells.iter().map(String::as_str))?;
         } else {
             // Nearly every row comes this way, without an allocation per cell.
             let text = std::str::from_utf8(&record.text).map_err(|_| ReadError::NotUtf8 { line, byte: 1 })?;
-            let found = text.bytes().filter(|byte| *byte == b',').count() + 1;
-            if found != expected {
-                return Err(ReadError::Ragged { line, expected, found });
+            match dialect.delimiter.character() {
+                Some(character) => self.push_cells(header, dialect, line, text.split(character))?,
+                None => self.push_cells(header, dialect, line, text.split_ascii_whitespace())?,
             }
-            let mut row = [""; 5];
-            for (position, cell) in text.split(',').enumerate() {
-                if let Some(slot) = header.positions.iter().position(|at| *at == Some(position)) {
-                    row[slot] = cell;
-                }
-            }
-            self.push_row(header, line, row)?;
         }
         self.rows += 1;
         Ok(())
@@ -378,26 +401,32 @@ impl Table {
     fn push_cells<'a>(
         &mut self,
         header: &Header,
+        dialect: &Dialect,
         line: u64,
-        found: usize,
-        cell: impl Fn(usize) -> &'a str,
+        cells: impl Iterator<Item = &'a str>,
     ) -> Result<(), ReadError> {
+        let mut row = [""; 5];
+        let mut found = 0;
+        for cell in cells {
+            if let Some(slot) = header.positions.iter().position(|at| *at == Some(found)) {
+                row[slot] = cell;
+            }
+            found += 1;
+        }
         if found != header.names.len() {
             return Err(ReadError::Ragged { line, expected: header.names.len(), found });
         }
-        let mut row = [""; 5];
-        for (slot, position) in header.positions.iter().enumerate() {
-            if let Some(position) = position {
-                row[slot] = cell(*position);
-            }
-        }
-        self.push_row(header, line, row)
+        self.push_row(header, dialect, line, row)
     }
 
-    fn push_row(&mut self, header: &Header, line: u64, row: [&str; 5]) -> Result<(), ReadError> {
+    fn push_row(&mut self, header: &Header, dialect: &Dialect, line: u64, row: [&str; 5]) -> Result<(), ReadError> {
         for (slot, text) in row.into_iter().enumerate() {
             if header.positions[slot].is_some() {
-                let value = number(text).map_err(|why| {
+                if dialect.keeps_missing && is_missing(text) {
+                    self.columns[slot].push(f64::NAN);
+                    continue;
+                }
+                let value = number(text, dialect.decimal_comma).map_err(|why| {
                     let (column, text) = (header.column(slot), shorten(text));
                     match why {
                         NoNumber::Empty => ReadError::EmptyCell { line, column },
@@ -410,32 +439,13 @@ impl Table {
         }
         Ok(())
     }
+}
 
-    fn into_trial(mut self, header: &Header, sample_time_s: Option<f64>) -> Result<Trial, ReadError> {
-        let columns = std::mem::take(&mut self.columns);
-        let [time, command, control, output, disturbance] = columns;
-        let signals = Signals {
-            time_s: header.positions[0].map(|_| time),
-            command,
-            control,
-            output,
-            disturbance: header.positions[4].map(|_| disturbance),
-        };
-        Trial::from_signals(sample_time_s, signals).map_err(|error| {
-            let location = self.place(header, &error);
-            ReadError::Trial { error, location }
-        })
-    }
-
-    fn place(&self, header: &Header, error: &TrialError) -> Option<Location> {
-        let (channel, sample) = error.place();
-        let slot = Channel::ALL.iter().position(|c| Some(*c) == channel)?;
-        let column = header.column(slot);
-        Some(match sample {
-            Some(sample) => Location::Cell { line: self.line(sample), column },
-            None => Location::Column(column),
-        })
-    }
+/// Whether a cell says that its value is not there.
+#[must_use]
+pub fn is_missing(cell: &str) -> bool {
+    let lower = cell.trim().to_ascii_lowercase();
+    ["", "nan", "n/a", "na", "null", "none", "-", ".", "#n/a", "missing", "nd"].contains(&lower.as_str())
 }
 
 enum NoNumber {
@@ -444,23 +454,41 @@ enum NoNumber {
     NotFinite,
 }
 
-fn number(text: &str) -> Result<f64, NoNumber> {
+fn number(text: &str, decimal_comma: bool) -> Result<f64, NoNumber> {
     let text = text.trim();
     if text.is_empty() {
         return Err(NoNumber::Empty);
     }
-    match text.parse::<f64>() {
-        Ok(value) if value.is_finite() => Ok(value),
-        Ok(_) => Err(NoNumber::NotFinite),
+    let parsed = if decimal_comma { with_comma(text) } else { text.parse::<f64>().ok() };
+    match parsed {
+        Some(value) if value.is_finite() => Ok(value),
+        Some(_) => Err(NoNumber::NotFinite),
         // What other programs write for it.
-        Err(_)
-            if text
-                .trim_start_matches(['+', '-', '#'])
-                .get(..3)
-                .is_some_and(|t| t.eq_ignore_ascii_case("nan") || t.eq_ignore_ascii_case("inf")) =>
+        None if text
+            .trim_start_matches(['+', '-', '#'])
+            .get(..3)
+            .is_some_and(|t| t.eq_ignore_ascii_case("nan") || t.eq_ignore_ascii_case("inf")) =>
         {
             Err(NoNumber::NotFinite)
         }
-        Err(_) => Err(NoNumber::Text),
+        None => Err(NoNumber::Text),
     }
+}
+
+/// A number with a decimal comma. A point in it would be one between thousands, or a sign that the comma is not what it
+/// is taken for: then it is none.
+fn with_comma(text: &str) -> Option<f64> {
+    if text.contains('.') {
+        return None;
+    }
+    let Some((whole, fraction)) = text.split_once(',') else { return text.parse().ok() };
+    // More digits than any double needs, and no allocation for each cell.
+    let mut buffer = [0_u8; 64];
+    let (at, length) = (whole.len(), text.len());
+    if length > buffer.len() || !fraction.starts_with(|c: char| c.is_ascii_digit()) {
+        return None;
+    }
+    buffer[..length].copy_from_slice(text.as_bytes());
+    buffer[at] = b'.';
+    std::str::from_utf8(&buffer[..length]).ok()?.parse().ok()
 }

@@ -25,7 +25,7 @@ impl Channel {
 
     /// The one-letter name used in column headers and JSON.
     #[must_use]
-    pub(crate) fn letter(self) -> &'static str {
+    pub fn letter(self) -> &'static str {
         match self {
             Self::Time => "t",
             Self::Command => "r",
@@ -104,7 +104,22 @@ impl Trial {
         Self::checked(sample_time_s, signals)
     }
 
+    /// As [`Trial::from_signals`]; what is no trial comes back with the reason.
+    ///
+    /// # Errors
+    /// The reason, and the signals.
+    pub fn or_return(sample_time_s: Option<f64>, signals: Signals) -> Result<Self, (TrialError, Signals)> {
+        match Self::sample_time_of(sample_time_s, &signals) {
+            Ok(sample_time_s) => Ok(Self { sample_time_s, signals, _checked: Checked }),
+            Err(error) => Err((error, signals)),
+        }
+    }
+
     fn checked(given_s: Option<f64>, signals: Signals) -> Result<Self, TrialError> {
+        Self::or_return(given_s, signals).map_err(|(error, _)| error)
+    }
+
+    fn sample_time_of(given_s: Option<f64>, signals: &Signals) -> Result<f64, TrialError> {
         let samples = signals.output.len();
         for channel in Channel::ALL {
             let Some(column) = signals.channel(channel) else { continue };
@@ -129,12 +144,11 @@ impl Trial {
         if let Some(bad) = given_s.filter(|value| !(value.is_normal() && *value > 0.0)) {
             return Err(TrialError::BadSampleTime(bad));
         }
-        let sample_time_s = match (&signals.time_s, given_s) {
-            (Some(time_s), _) => sample_time::check(time_s, given_s)?,
-            (None, Some(given_s)) => given_s,
-            (None, None) => return Err(TrialError::NoSampleTime),
-        };
-        Ok(Self { sample_time_s, signals, _checked: Checked })
+        match (&signals.time_s, given_s) {
+            (Some(time_s), _) => Ok(sample_time::check(time_s, given_s)?),
+            (None, Some(given_s)) => Ok(given_s),
+            (None, None) => Err(TrialError::NoSampleTime),
+        }
     }
 
     /// The number of samples.

@@ -5,6 +5,9 @@ use super::project;
 use std::path::Path;
 
 #[allow(unused_attributes)]
+#[path = "../../fuzz/fuzz_targets/archive.rs"]
+mod archive;
+#[allow(unused_attributes)]
 #[path = "../../fuzz/fuzz_targets/cache.rs"]
 mod cache;
 #[allow(unused_attributes)]
@@ -20,14 +23,23 @@ mod expression;
 #[path = "../../fuzz/fuzz_targets/gzip.rs"]
 mod gzip;
 #[allow(unused_attributes)]
+#[path = "../../fuzz/fuzz_targets/hdf5.rs"]
+mod hdf5;
+#[allow(unused_attributes)]
 #[path = "../../fuzz/fuzz_targets/json_trial.rs"]
 mod json_trial;
+#[allow(unused_attributes)]
+#[path = "../../fuzz/fuzz_targets/matlab.rs"]
+mod matlab;
 #[allow(unused_attributes)]
 #[path = "../../fuzz/fuzz_targets/plant_text.rs"]
 mod plant_text;
 #[allow(unused_attributes)]
 #[path = "../../fuzz/fuzz_targets/request.rs"]
 mod request;
+#[allow(unused_attributes)]
+#[path = "../../fuzz/fuzz_targets/table.rs"]
+mod table;
 #[allow(unused_attributes)]
 #[path = "../../fuzz/fuzz_targets/upload.rs"]
 mod upload;
@@ -65,15 +77,19 @@ fn files_of(folder: &Path) -> Vec<std::path::PathBuf> {
 
 #[test]
 fn every_fuzz_target_takes_its_seeds() {
-    let targets: [(&str, Target); 9] = [
+    let targets: [(&str, Target); 13] = [
+        ("archive", archive::run),
         ("cache", cache::run),
         ("csv", csv::run),
         ("cursor", cursor::run),
         ("expression", expression::run),
         ("gzip", gzip::run),
+        ("hdf5", hdf5::run),
         ("json_trial", json_trial::run),
+        ("matlab", matlab::run),
         ("plant_text", plant_text::run),
         ("request", request::run),
+        ("table", table::run),
         ("upload", upload::run),
     ];
     let fuzz = project().join("fuzz");

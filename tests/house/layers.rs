@@ -48,12 +48,20 @@ const ARROWS: &[(&str, &[&str])] = &[
             "two_stimulus",
         ],
     ),
+    // Files as labs have them: what was read is told in the problems and warnings of analyses.
+    ("exchange", &["analysis", "num", "trial"]),
     // What is drawn of results; loops are simulated once more for the picture, and people for the tests.
     ("figure", &["analysis", "control", "identify", "learning", "num", "plants", "simulate", "trial"]),
     ("jobs", &["analysis", "ctl"]),
     ("store", &["analysis", "control", "ctl", "jobs", "num", "trial"]),
     ("worker", &["analysis", "cache", "control", "ctl", "identify", "jobs", "num", "store"]),
-    ("api", &["analysis", "cache", "control", "ctl", "excite", "figure", "jobs", "learning", "num", "store", "trial"]),
+    (
+        "api",
+        &[
+            "analysis", "cache", "control", "ctl", "exchange", "excite", "figure", "jobs", "learning", "num", "store",
+            "trial",
+        ],
+    ),
     ("app", &["*"]),
     ("cli", &["*"]),
     ("config", &["*"]),

@@ -10,6 +10,7 @@ use volition::app::import::load::{
     Outcome, PlantOptions, TRIAL_COLUMNS, common_display_limit, find_or_create_study, load,
 };
 use volition::app::import::{ImportArgs, import as import_command};
+use volition::exchange::{Options, TimeUnit, options::columns};
 use volition::store::{Page, Store, Study, Subject, TrialRecord};
 
 const ALL: Page = Page { after: None, limit: 500 };
@@ -24,7 +25,8 @@ async fn import(
     let index = index::read(folder, None, conditions).unwrap();
     let limit = common_display_limit(&index).unwrap();
     let study = find_or_create_study(store, study, limit).await.unwrap();
-    let outcome = load(store, &study, folder, &index, plants, &ProgressBar::hidden()).await.unwrap();
+    let outcome =
+        load(store, &study, folder, &index, plants, &Options::default(), &ProgressBar::hidden()).await.unwrap();
     (study, outcome)
 }
 
@@ -92,6 +94,35 @@ async fn a_folder_is_imported_once_and_what_is_wrong_is_refused_with_its_reason(
     let (again, outcome) = import(&store, folder.path(), "lab", &[], &plants).await;
     assert_eq!((again.id, outcome.imported, outcome.already_there), (study.id, 0, 4));
     assert_eq!(stored(&store, &study).await, before, "a repetition changes nothing");
+    store.close().await;
+}
+
+/// What the files do not say is said once, for all of a folder.
+#[tokio::test]
+async fn names_and_units_are_given_for_a_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut text = "Zeit;Ziel;Kraft;Ort\n".to_owned();
+    for i in 0..50 {
+        let row = [20.0 * f64::from(i), 0.5, 0.25, f64::from(i) * 0.125];
+        writeln!(text, "{}", row.map(|value| value.to_string().replace('.', ",")).join(";")).unwrap();
+    }
+    std::fs::write(folder.path().join("a.txt"), &text).unwrap();
+    std::fs::write(folder.path().join("index.csv"), "file,subject,trial,plant\na.txt,S1,1,1/s\n").unwrap();
+    let index = index::read(folder.path(), None, &[]).unwrap();
+    let store = Store::open(None).await.unwrap();
+    let study = find_or_create_study(&store, "named", None).await.unwrap();
+    let plants = PlantOptions::default();
+    let bare = Options::default();
+    let refused = load(&store, &study, folder.path(), &index, &plants, &bare, &ProgressBar::hidden()).await.unwrap();
+    assert!(refused.refused[0].reason.contains("columns=t:Zeit,r:Ziel,u:Kraft,y:?"), "{:?}", refused.refused);
+    let options = Options {
+        columns: columns("t:Zeit,r:Ziel,u:Kraft,y:Ort").unwrap(),
+        time_unit: Some(TimeUnit::Milliseconds),
+        ..Options::default()
+    };
+    let done = load(&store, &study, folder.path(), &index, &plants, &options, &ProgressBar::hidden()).await.unwrap();
+    assert_eq!((done.imported, done.refused), (1, vec![]));
+    assert_eq!(stored(&store, &study).await[0].1[0].sample_time_s, 0.02);
     store.close().await;
 }
 

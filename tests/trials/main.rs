@@ -8,11 +8,16 @@ mod round_trip;
 #[path = "../support/virtual_subjects.rs"]
 mod virtual_subjects;
 
+mod archives;
 mod comparison;
 mod comparison_study;
 mod curves;
 mod demo;
+#[cfg(feature = "hdf5")]
+mod hdf5;
 mod import;
+mod layouts;
+mod matlab;
 mod metrics;
 mod readers;
 mod round_trips;

@@ -4,13 +4,14 @@ use crate::analysis::{Code, Problem};
 use crate::api::extract::shortened;
 use crate::api::problem::ApiResult;
 use crate::api::state::Limits;
-use crate::trial::csv::{self, ColumnMapping, Options};
+use crate::exchange::bids::{self, Sidecar};
+use crate::exchange::{self, Options, Reading, archive};
+use crate::trial::ReadError;
 use crate::trial::gzip::GzipReader;
-use crate::trial::{ReadError, ReadTrial, Trial, json};
 use axum::body::{Body, Bytes};
 use axum::extract::{DefaultBodyLimit, FromRequest, Multipart, Request};
 use axum::http::header;
-use std::io::{self, Read as _};
+use std::io::Read as _;
 
 /// Rows of all files of one upload together, in multiples of the rows that one may have.
 const FULL_FILES: usize = 4;
@@ -25,16 +26,12 @@ pub(super) struct File {
     pub(crate) name: Option<String>,
     /// Whether it is packed.
     pub(crate) gzip: bool,
-    /// Whether it is JSON (else it is CSV).
+    /// Whether it is said to be JSON; else its content says what it is.
     pub(crate) json: bool,
     /// Its bytes as they came.
     pub(crate) bytes: Bytes,
-}
-
-/// A file that was read.
-pub(super) struct Read {
-    pub(crate) trial: Trial,
-    pub(crate) ignored_columns: Vec<String>,
+    /// What stands in files beside it.
+    pub(crate) sidecar: Option<Sidecar>,
 }
 
 /// What the files of one upload may still take.
@@ -50,20 +47,6 @@ impl Budget {
     }
 }
 
-/// Counts what passes.
-struct Counted<R> {
-    inner: R,
-    count: u64,
-}
-
-impl<R: io::Read> io::Read for Counted<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let read = self.inner.read(buffer)?;
-        self.count += read as u64;
-        Ok(read)
-    }
-}
-
 impl File {
     /// Whether this is the part that describes the others.
     pub(super) fn is_metadata(&self) -> bool {
@@ -71,31 +54,29 @@ impl File {
     }
 
     /// Reads the trial within what is left of the budget.
-    pub(super) fn read(
-        &self,
-        budget: &mut Budget,
-        columns: ColumnMapping,
-        sample_time_s: Option<f64>,
-    ) -> Result<Read, Problem> {
-        let limits =
-            crate::trial::Limits { max_rows: budget.limits.max_rows.min(budget.rows), max_bytes: budget.bytes };
-        let source: Box<dyn io::Read> =
-            if self.gzip { Box::new(GzipReader::new(&self.bytes[..])) } else { Box::new(&self.bytes[..]) };
-        let mut source = Counted { inner: source, count: 0 };
+    pub(super) fn read(&self, budget: &mut Budget, options: &Options) -> Result<Reading, Problem> {
+        let max_rows = budget.limits.max_rows.min(budget.rows);
+        let limits = crate::trial::Limits { max_rows, max_bytes: budget.bytes };
+        let options = Options { limits, sidecar: self.sidecar.clone(), ..options.clone() };
         let read = if self.json {
-            json::read(&mut source, sample_time_s, &limits)
-                .map(|trial| ReadTrial { trial, ignored_columns: Vec::new() })
+            exchange::read_document(&self.bytes, self.gzip, &options)
+        } else if self.gzip {
+            exchange::read_packed(&self.bytes, &options)
         } else {
-            csv::read(&mut source, &Options { columns, sample_time_s, limits })
+            exchange::read(&self.bytes, &options)
         };
-        let ReadTrial { trial, ignored_columns } = read.map_err(|error| self.problem(error))?;
-        budget.bytes = budget.bytes.saturating_sub(source.count);
-        budget.rows = budget.rows.saturating_sub(trial.samples());
-        Ok(Read { trial, ignored_columns })
+        let reading = read.map_err(|problem| self.placed(problem))?;
+        budget.bytes = budget.bytes.saturating_sub(reading.bytes);
+        budget.rows = budget.rows.saturating_sub(reading.trial.samples());
+        Ok(reading)
     }
 
-    fn problem(&self, error: ReadError) -> Problem {
-        let problem = Problem::from(error);
+    /// With the file's name, or the parameter that it is about.
+    fn placed(&self, problem: Problem) -> Problem {
+        const PARAMETERS: [&str; 4] = ["columns", "time_unit", "sample_time_s", "resample"];
+        if let Some(name) = PARAMETERS.into_iter().find(|name| problem.location.as_deref() == Some(name)) {
+            return problem.at(format!("query parameter {name}"));
+        }
         let Some(name) = &self.name else { return problem };
         let place = match &problem.location {
             None => format!("file '{}'", shortened(name)),
@@ -103,6 +84,56 @@ impl File {
         };
         problem.at(place)
     }
+}
+
+/// The files of a body that is no form: itself, or the files of an archived folder; and whether it is such.
+pub(super) fn of_body(bytes: Vec<u8>, gzip: bool, limits: &Limits) -> Result<(Vec<File>, bool), Problem> {
+    if gzip || !archive::is_folder(&bytes) {
+        let file = File { name: None, gzip, json: false, bytes: bytes.into(), sidecar: None };
+        return Ok((vec![file], false));
+    }
+    let files = archive::folder(&bytes, limits.max_decompressed_bytes)?;
+    let one = |(name, bytes): (String, Vec<u8>)| File {
+        name: Some(name),
+        gzip: false,
+        json: false,
+        bytes: bytes.into(),
+        sidecar: None,
+    };
+    let files = with_sidecars(files.into_iter().map(one).collect())?;
+    if files.len() > limits.max_multipart_files {
+        let detail = format!("the archive has more than {} files", limits.max_multipart_files);
+        return Err(Problem::new(Code::TooLarge, "too many files", detail)
+            .at("body")
+            .mend("Send the files in several requests."));
+    }
+    Ok((files, true))
+}
+
+/// Where there are tables of Motion-BIDS, they alone, each with what stands beside it; else all files.
+pub(super) fn with_sidecars(files: Vec<File>) -> Result<Vec<File>, Problem> {
+    let companions = |file: &File| file.name.as_deref().and_then(bids::companions);
+    if !files.iter().any(|file| companions(file).is_some()) {
+        return Ok(files);
+    }
+    let find = |name: &str| files.iter().find(|file| file.name.as_deref() == Some(name)).map(|file| file.bytes.clone());
+    let mut tables = Vec::new();
+    for file in &files {
+        if file.is_metadata() {
+            tables.push(file.clone());
+        }
+        let Some([channels, description]) = companions(file) else { continue };
+        let sidecar = match find(&channels) {
+            Some(bytes) => {
+                let beside = find(&description);
+                let description = beside.as_ref().map(|bytes| (description.as_str(), &bytes[..]));
+                Some(bids::sidecar((&channels, &bytes), description)?)
+            }
+            None => None,
+        };
+        tables.push(File { sidecar, ..file.clone() });
+    }
+    Ok(tables)
 }
 
 /// Unpacks gzip in memory, up to a limit.
@@ -149,8 +180,10 @@ pub(super) async fn of_form(bytes: Bytes, boundary: &str, limits: &Limits) -> Ap
             || field.content_type().is_some_and(|media| matches!(media, "application/gzip" | "application/x-gzip"));
         let bytes = field.bytes().await.map_err(|error| malformed(&error.body_text()))?;
         let file = match (is_metadata, named) {
-            (true, _) => File { name: Some(METADATA.to_owned()), gzip: false, json: true, bytes },
-            (false, Some(name)) if !name.is_empty() => File { name: Some(name), gzip, json: false, bytes },
+            (true, _) => File { name: Some(METADATA.to_owned()), gzip: false, json: true, bytes, sidecar: None },
+            (false, Some(name)) if !name.is_empty() => {
+                File { name: Some(name), gzip, json: false, bytes, sidecar: None }
+            }
             (false, _) => {
                 return Err(Problem::new(
                     Code::Malformed,
@@ -158,7 +191,7 @@ pub(super) async fn of_form(bytes: Bytes, boundary: &str, limits: &Limits) -> Ap
                     format!("the part '{}' is no file and not named metadata", shortened(&part)),
                 )
                 .at(format!("part {}", shortened(&part)))
-                .mend("Send CSV files (curl -F file=@trial.csv) and at most one part named metadata.")
+                .mend("Send files (curl -F file=@trial.csv) and at most one part named metadata.")
                 .into());
             }
         };
@@ -184,7 +217,7 @@ pub(super) async fn of_form(bytes: Bytes, boundary: &str, limits: &Limits) -> Ap
     if files.iter().all(File::is_metadata) {
         return Err(Problem::new(Code::Malformed, "no files", "the form has no file")
             .at("body")
-            .mend("Send at least one CSV file: curl -F file=@trial.csv.")
+            .mend("Send at least one file: curl -F file=@trial.csv.")
             .into());
     }
     Ok(files)

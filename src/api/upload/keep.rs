@@ -2,11 +2,12 @@
 
 use super::UploadQuery;
 use super::assign::Wanted;
-use super::files::{Budget, File, Read};
+use super::files::{Budget, File};
 use crate::analysis::{Code, Problem, Warning};
 use crate::api::problem::{ApiError, ApiResult, internal};
 use crate::api::state::{AppState, Limits};
 use crate::control::Model;
+use crate::exchange::{Reading, Understood};
 use crate::learning::{recording, time_domain};
 use crate::num::hexadecimal::hexadecimal;
 use crate::store::{Created, IdempotencyKey, NewTrial, Plant, StoreError, Subject, TrialFilter, TrialRecord};
@@ -24,6 +25,7 @@ const SAMPLE_TIME_TOLERANCE: f64 = 1e-5;
 pub(super) struct Said {
     pub(crate) name: Option<String>,
     pub(crate) ignored_columns: Vec<String>,
+    pub(crate) understood: Understood,
     pub(crate) warnings: Vec<Warning>,
 }
 
@@ -40,10 +42,10 @@ pub(super) fn parse_all(
     query: &UploadQuery,
 ) -> Result<(Vec<NewTrial>, Vec<Said>), Problem> {
     let mut budget = Budget::new(limits);
+    let options = query.options();
     let mut parsed = Vec::with_capacity(files.len());
     for (file, (wanted, plant)) in files.into_iter().zip(wanted) {
-        let columns = query.columns.clone().unwrap_or_default();
-        let Read { trial, ignored_columns } = file.read(&mut budget, columns, query.sample_time_s)?;
+        let Reading { trial, understood, ignored_columns, warnings: done, .. } = file.read(&mut budget, &options)?;
         let measured = time_domain::metrics(&trial, &plant.model);
         let metrics = serde_json::to_value(&measured).map_err(|error| {
             tracing::error!(%error, "metrics could not be written");
@@ -61,7 +63,8 @@ pub(super) fn parse_all(
                 ),
             ));
         }
-        let own = warnings_of(&trial, &plant.model);
+        let mut own = done;
+        own.extend(warnings_of(&trial, &plant.model));
         warnings.extend(own.iter().cloned());
         let new = NewTrial {
             plant: wanted.plant,
@@ -73,7 +76,7 @@ pub(super) fn parse_all(
             warnings: own,
             trial,
         };
-        parsed.push((new, Said { name: file.name, ignored_columns, warnings }));
+        parsed.push((new, Said { name: file.name, ignored_columns, understood, warnings }));
     }
     Ok(parsed.into_iter().unzip())
 }

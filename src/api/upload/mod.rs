@@ -1,4 +1,4 @@
-//! Uploading trials: one as CSV or JSON, many as files of one form.
+//! Uploading trials: one as a file or JSON, many as files of one form.
 
 mod assign;
 mod files;
@@ -16,6 +16,7 @@ use super::subjects::SubjectPath;
 use super::trials::{MAX_NUMBER, TrialView};
 use crate::analysis::ids::{PlantId, SubjectId};
 use crate::analysis::{Code, Problem, Warning};
+use crate::exchange::{Options, Resampling, TimeUnit, Understood, options};
 use crate::store::{Created, Plant};
 use crate::trial::csv::ColumnMapping;
 use crate::trial::json::TrialDocument;
@@ -49,10 +50,32 @@ pub(crate) struct UploadQuery {
     /// Time between samples in seconds; needed where there is no time column, checked against it where there is one.
     #[param(exclusive_minimum = 0, nullable = false)]
     pub(crate) sample_time_s: Option<f64>,
-    /// Names of CSV columns where they are not `t,r,u,y,d`: pairs `signal:column` separated by commas, with the signals
-    /// `time`, `command`, `control`, `output`, `disturbance`.
-    #[param(value_type = Option<String>, nullable = false, example = "command:target,output:cursor")]
+    /// Which column or variable is which signal, where they are not named `t,r,u,y,d`: pairs `signal:column` separated
+    /// by commas, with the signals `t` (or `time`), `r` (`command`), `u` (`control`), `y` (`output`) and `d`
+    /// (`disturbance`), and columns by name, or by position from 1.
+    #[param(value_type = Option<String>, nullable = false, example = "r:target,y:cursor")]
     pub(crate) columns: Option<ColumnMapping>,
+    /// What the time column counts: `s`, `ms`, `us`, `ns`, or `samples` (then `sample_time_s` is needed). Without it,
+    /// what the file says, or seconds.
+    #[param(value_type = Option<String>, nullable = false, pattern = "^(s|ms|us|ns|samples)$", example = "ms")]
+    pub(crate) time_unit: Option<TimeUnit>,
+    /// `linear`: samples that are not evenly spaced are brought to a grid of `sample_time_s` (or the usual step), on
+    /// straight lines. It then stands with the trial as a warning. Without it they are refused.
+    #[param(value_type = Option<String>, nullable = false, pattern = "^(linear)$", example = "linear")]
+    pub(crate) resample: Option<Resampling>,
+}
+
+impl UploadQuery {
+    /// What is said of the files.
+    fn options(&self) -> Options {
+        Options {
+            columns: self.columns.clone().unwrap_or_default(),
+            time_unit: self.time_unit,
+            sample_time_s: self.sample_time_s,
+            resample: self.resample,
+            ..Options::default()
+        }
+    }
 }
 
 impl FromQuery for UploadQuery {
@@ -67,41 +90,27 @@ impl FromQuery for UploadQuery {
                 .mend("Give a positive number of seconds."));
         }
         let columns = query.take("columns")?.map(|text| columns(&text)).transpose()?;
-        Ok(Self { plant, number, session, sample_time_s, columns })
+        let time_unit = one_of(query, "time_unit")?;
+        let resample = one_of(query, "resample")?;
+        Ok(Self { plant, number, session, sample_time_s, columns, time_unit, resample })
     }
 }
 
+fn one_of<T: std::str::FromStr<Err = String>>(query: &mut QueryText, name: &'static str) -> Result<Option<T>, Problem> {
+    let Some(text) = query.take(name)? else { return Ok(None) };
+    text.parse().map(Some).map_err(|why: String| {
+        Problem::new(Code::Malformed, "bad query parameter", why)
+            .at(format!("query parameter {name}"))
+            .mend("Give one of these.")
+    })
+}
+
 fn columns(text: &str) -> Result<ColumnMapping, Problem> {
-    let bad = |why: String| {
+    options::columns(text).map_err(|why| {
         Problem::new(Code::Malformed, "bad query parameter", why)
             .at("query parameter columns")
-            .mend("Give pairs such as command:target,output:cursor.")
-    };
-    let mut mapping = ColumnMapping::default();
-    for pair in text.split(',') {
-        let Some((signal, column)) = pair.split_once(':') else {
-            return Err(bad(format!("'{pair}' is no pair signal:column")));
-        };
-        let place = match signal.trim() {
-            "time" | "t" => &mut mapping.time,
-            "command" | "r" => &mut mapping.command,
-            "control" | "u" => &mut mapping.control,
-            "output" | "y" => &mut mapping.output,
-            "disturbance" | "d" => &mut mapping.disturbance,
-            other => {
-                return Err(bad(format!(
-                    "there is no signal '{other}'; there are time, command, control, output and disturbance"
-                )));
-            }
-        };
-        if column.trim().is_empty() {
-            return Err(bad(format!("the signal '{}' is given no column", signal.trim())));
-        }
-        if place.replace(column.trim().to_owned()).is_some() {
-            return Err(bad(format!("the signal '{}' is given twice", signal.trim())));
-        }
-    }
-    Ok(mapping)
+            .mend("Give pairs such as r:target,y:cursor.")
+    })
 }
 
 /// One file of a form, in its part `metadata`.
@@ -125,8 +134,8 @@ pub(crate) struct FileMetadata {
 #[derive(Debug, JsonSchema)]
 #[allow(dead_code, reason = "documents a form")]
 pub(crate) struct UploadForm {
-    /// CSV files, or CSV files packed with gzip (their names end in `.gz`). Every part with a file name is one,
-    /// whatever the part's own name.
+    /// Recordings in any format that is read, packed with gzip or not. Every part with a file name is one, whatever the
+    /// part's own name.
     #[schemars(with = "Vec<String>", extend("format" = "binary"))]
     files: Vec<Vec<u8>>,
     /// What the files do not say themselves, file by file; a part of type `application/json`.
@@ -147,6 +156,8 @@ pub(crate) struct UploadedTrial {
     number_assigned: bool,
     /// Columns of the file that are no signals, by name.
     ignored_columns: Vec<String>,
+    /// What the file was taken for.
+    understood: Understood,
     /// What must be read before using the trial.
     warnings: Vec<Warning>,
 }
@@ -158,36 +169,58 @@ pub(crate) struct UploadedTrials {
     items: Vec<UploadedTrial>,
 }
 
+/// Media types of recordings. What a file is, its content says: clients name the same file in many ways.
+const FILES: [&str; 6] = [
+    "text/csv",
+    "text/tab-separated-values",
+    "text/plain",
+    "application/octet-stream",
+    "application/zip",
+    "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
+];
+
 /// What is uploaded, by media type.
 enum Kind {
-    Csv,
+    /// A recording, whose content says what it is.
+    File,
     Json,
-    Form { boundary: String },
+    Form {
+        boundary: String,
+    },
 }
 
 impl Kind {
     fn of(headers: &HeaderMap) -> ApiResult<Self> {
         match media_type(headers).as_deref() {
-            Some("text/csv") => Ok(Self::Csv),
             Some("application/json") => Ok(Self::Json),
             Some("multipart/form-data") => {
                 let text = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
                 Ok(Self::Form { boundary: files::boundary(text)? })
             }
-            _ => Err(unsupported(headers, "text/csv, application/json or multipart/form-data").into()),
+            Some(media) if FILES.contains(&media) => Ok(Self::File),
+            _ => {
+                let wanted = format!("{}, application/json or multipart/form-data", FILES.join(", "));
+                Err(unsupported(headers, &wanted).into())
+            }
         }
     }
 }
 
 /// Uploads trials: all of a request or none.
 ///
-/// CSV has a header row that names the columns `t,r,u,y[,d]`; other columns are left out and reported. Sample times are
-/// checked against the time column. The same content sent again for the same subject is recognised by its hash and not
-/// stored twice. The body may be packed (`Content-Encoding: gzip`).
+/// A file is recognised by its content: a table as text (commas, semicolons, tabs, spaces; decimal point or comma;
+/// UTF-8, UTF-16 or an encoding of Windows), MATLAB (4 to 7.3), HDF5, NumPy (`.npy`, `.npz`), Excel (`.xlsx`) or JSON.
+/// A zip archive of a folder is taken as a form of its files, and tables of Motion-BIDS with the files beside them.
+/// Columns are named `t,r,u,y[,d]` or mapped by `columns`; others are left out and reported, and `understood` says what
+/// the file was taken for. Sample times are checked against the time column. The same content sent again for the same
+/// subject is recognised by its hash and not stored twice. The body may be packed (`Content-Encoding: gzip`).
 #[utoipa::path(post, path = "/v1/subjects/{subject}/trials", tag = "trials", operation_id = "upload_trials",
     params(SubjectPath, UploadQuery, IdempotencyHeader),
     request_body(content(
         (String = "text/csv", example = "t,r,u,y\n0.00,0.0,0.0,0.0\n0.02,0.5,0.2,0.1\n0.04,1.0,0.4,0.3\n"),
+        (String = "text/tab-separated-values"), (String = "text/plain"), (String = "application/octet-stream"),
+        (String = "application/zip"),
+        (String = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
         (TrialDocument = "application/json"), (UploadForm = "multipart/form-data"))),
     responses(
         (status = 201, description = "Stored; Location names a single trial. A form is answered by a list.",
@@ -205,20 +238,13 @@ pub(crate) async fn upload(
 ) -> ApiResult<Response> {
     let kind = Kind::of(&headers)?;
     let packing = encoding(&headers)?;
-    if query.columns.is_some() && matches!(kind, Kind::Json) {
-        return Err(Problem::new(Code::Malformed, "no columns in JSON", "only the columns of CSV can be mapped")
-            .at("query parameter columns")
-            .mend("Name the arrays t, r, u, y and d.")
-            .into());
-    }
     let subject = state.store.subject(subject).await?;
     // Bounds the memory that bodies and parsed trials take together.
     let _permit = state.uploads.clone().acquire_owned().await.map_err(|_| internal())?;
     let bytes = read_body(&state, &headers, body).await?;
     let key = idempotency.key(&bytes);
 
-    let is_form = matches!(kind, Kind::Form { .. });
-    let files = unpacked(&state, kind, packing, bytes).await?;
+    let (files, is_form) = unpacked(&state, kind, packing, bytes).await?;
     let (files, metadata) = with_metadata(files)?;
     let wanted = assignments(&files, metadata, &query)?;
     let plants = plants(&state, &subject, &wanted).await?;
@@ -238,6 +264,7 @@ pub(crate) async fn upload(
             trial: TrialView::from(record),
             file: said.name,
             ignored_columns: said.ignored_columns,
+            understood: said.understood,
             warnings,
         });
     }
@@ -273,12 +300,16 @@ pub(crate) enum Uploaded {
     Many(UploadedTrials),
 }
 
-/// The files of a request, in memory and as they came, but for a packed form.
-async fn unpacked(state: &AppState, kind: Kind, packing: Encoding, bytes: Vec<u8>) -> ApiResult<Vec<File>> {
+/// The files of a request, in memory and as they came, but for a packed form and an archived folder; and whether they
+/// are answered by a list.
+async fn unpacked(state: &AppState, kind: Kind, packing: Encoding, bytes: Vec<u8>) -> ApiResult<(Vec<File>, bool)> {
     let gzip = packing == Encoding::Gzip;
     match kind {
-        Kind::Csv => Ok(vec![File { name: None, gzip, json: false, bytes: bytes.into() }]),
-        Kind::Json => Ok(vec![File { name: None, gzip, json: true, bytes: bytes.into() }]),
+        Kind::File => {
+            let limits = state.limits;
+            Ok(off_thread(move || files::of_body(bytes, gzip, &limits)).await??)
+        }
+        Kind::Json => Ok((vec![File { name: None, gzip, json: true, bytes: bytes.into(), sidecar: None }], false)),
         Kind::Form { boundary } => {
             let limits = state.limits;
             let bytes = if gzip {
@@ -286,22 +317,8 @@ async fn unpacked(state: &AppState, kind: Kind, packing: Encoding, bytes: Vec<u8
             } else {
                 bytes
             };
-            files::of_form(bytes.into(), &boundary, &limits).await
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn column_names_are_read_pair_by_pair() {
-        let mapping = columns("command:target, y:cursor:px").unwrap();
-        assert_eq!(mapping.command.as_deref(), Some("target"));
-        assert_eq!(mapping.output.as_deref(), Some("cursor:px"));
-        for bad in ["", "command", "speed:v", "command:", "r:a,command:b"] {
-            assert_eq!(columns(bad).unwrap_err().location.as_deref(), Some("query parameter columns"), "{bad}");
+            let files = files::of_form(bytes.into(), &boundary, &limits).await?;
+            Ok((files::with_sidecars(files)?, true))
         }
     }
 }

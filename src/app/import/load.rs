@@ -2,23 +2,22 @@
 
 use super::index::{Index, Refused, Row};
 use super::plant_text;
+use crate::analysis::Warning;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId};
-use crate::analysis::{Problem, Warning};
+use crate::app::recordings;
 use crate::control::Model;
-use crate::learning::recording::{Doubt, doubts};
+use crate::exchange::{Options, Reading};
+use crate::learning::recording::doubts;
 use crate::learning::time_domain::{TimeDomainMetrics, metrics};
 use crate::num::hexadecimal::hexadecimal;
 use crate::plants::catalogue;
 use crate::store::{
     Created, NewPlant, NewStudy, NewSubject, NewTrial, Page, Plant, Store, StoreError, Study, Subject, SubjectPatch,
 };
-use crate::trial::gzip::GzipReader;
-use crate::trial::{ReadTrial, csv};
 use anyhow::{Context as _, bail};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value};
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::{BufRead as _, BufReader};
 use std::path::{Component, Path, PathBuf};
 
 /// Under this attribute of a subject stand the index's other columns, by trial.
@@ -127,9 +126,10 @@ pub async fn load(
     folder: &Path,
     index: &Index,
     plants: &PlantOptions,
+    reading: &Options,
     bar: &ProgressBar,
 ) -> anyhow::Result<Outcome> {
-    let mut loader = Loader::open(store, study, folder, plants).await?;
+    let mut loader = Loader::open(store, study, folder, plants, reading).await?;
     bar.set_length(index.rows.len() as u64);
     for row in &index.rows {
         match row {
@@ -153,6 +153,7 @@ struct Loader<'a> {
     study: &'a Study,
     folder: &'a Path,
     options: &'a PlantOptions,
+    reading: &'a Options,
     plants: BTreeMap<String, Plant>,
     subjects: BTreeMap<String, Subject>,
     /// Per subject: the other columns of its trials.
@@ -166,6 +167,7 @@ impl<'a> Loader<'a> {
         study: &'a Study,
         folder: &'a Path,
         options: &'a PlantOptions,
+        reading: &'a Options,
     ) -> anyhow::Result<Self> {
         let plants = all_plants(store, study.id).await?;
         let subjects = all_subjects(store, study.id).await?;
@@ -174,6 +176,7 @@ impl<'a> Loader<'a> {
             study,
             folder,
             options,
+            reading,
             plants: plants.into_iter().map(|p| (p.name.clone(), p)).collect(),
             subjects: subjects.into_iter().map(|s| (s.code.clone(), s)).collect(),
             extras: BTreeMap::new(),
@@ -192,16 +195,18 @@ impl<'a> Loader<'a> {
         }
         let path = inside(self.folder, &row.file).map_err(Stop::File)?;
         let measured = {
-            let model = model.clone();
-            tokio::task::spawn_blocking(move || measure(&path, &model)).await.map_err(|e| Stop::All(e.into()))?
+            let (model, options) = (model.clone(), self.reading.clone());
+            tokio::task::spawn_blocking(move || measure(&path, &model, &options))
+                .await
+                .map_err(|e| Stop::All(e.into()))?
         };
-        let (read, metrics, doubts) = measured.map_err(Stop::File)?;
+        let (read, metrics, warnings) = measured.map_err(Stop::File)?;
         let plant = self.plant(&plant_name, model).await?;
         let subject = self.subject(row).await?;
         let sha256 = hexadecimal(&read.trial.content_sha256());
         let max_abs_output = metrics.max_abs_output;
-        for doubt in &doubts {
-            self.outcome.notes.insert(format!("{}: {} ({})", row.file, doubt.message, doubt.code));
+        for warning in &warnings {
+            self.outcome.notes.insert(format!("{}: {} ({})", row.file, warning.message, warning.code));
         }
         let new = NewTrial {
             plant,
@@ -211,7 +216,7 @@ impl<'a> Loader<'a> {
             sha256: sha256.clone(),
             max_abs_output,
             metrics: serde_json::to_value(&metrics).map_err(|e| Stop::All(e.into()))?,
-            warnings: doubts.iter().map(|doubt| Warning::new(doubt.code, doubt.message.clone())).collect(),
+            warnings,
         };
         let created = self.store.create_trials(subject, vec![new], None).await?;
         for one in created {
@@ -338,18 +343,15 @@ fn inside(folder: &Path, file: &str) -> Result<PathBuf, String> {
     }
 }
 
-type Measured = (ReadTrial, TimeDomainMetrics, Vec<Doubt>);
+type Measured = (Reading, TimeDomainMetrics, Vec<Warning>);
 
-fn measure(path: &Path, model: &Model) -> Result<Measured, String> {
-    let file = std::fs::File::open(path).map_err(|e| e.to_string())?;
-    let mut source = BufReader::new(file);
-    let packed = source.fill_buf().map_err(|e| e.to_string())?.starts_with(&[0x1f, 0x8b]);
-    let options = csv::Options::default();
-    let read = if packed { csv::read(GzipReader::new(source), &options) } else { csv::read(source, &options) };
-    let read = read.map_err(|e| Problem::from(e).to_string())?;
+fn measure(path: &Path, model: &Model, options: &Options) -> Result<Measured, String> {
+    let mut read = recordings::read(path, options).map_err(|problem| problem.to_string())?;
     let metrics = metrics(&read.trial, model);
+    let mut warnings = std::mem::take(&mut read.warnings);
     let doubts = doubts(&read.trial, Some(model));
-    Ok((read, metrics, doubts))
+    warnings.extend(doubts.into_iter().map(|doubt| Warning::new(doubt.code, doubt.message)));
+    Ok((read, metrics, warnings))
 }
 
 fn resolve_plant(row: &Row, options: &PlantOptions) -> Result<(String, Model), String> {

@@ -178,11 +178,22 @@ async fn uploads_take_every_documented_media_type() {
     let document: Value = serde_json::from_str(&volition::api::document()).unwrap();
     let body = &document["paths"]["/v1/subjects/{subject}/trials"]["post"]["requestBody"]["content"];
     let documented: BTreeSet<&str> = body.as_object().unwrap().keys().map(String::as_str).collect();
-    assert_eq!(documented, BTreeSet::from(["application/json", "multipart/form-data", "text/csv"]));
+    let files = [
+        "text/csv",
+        "text/tab-separated-values",
+        "text/plain",
+        "application/octet-stream",
+        "application/zip",
+        "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
+    ];
+    assert_eq!(documented, [&files[..], &["application/json", "multipart/form-data"]].concat().into_iter().collect());
     // The examples are requests that work.
     let path = format!("/v1/subjects/{}/trials?plant={}", lab.subject, lab.plant);
     let csv = body["text/csv"]["example"].as_str().unwrap().to_owned();
-    server.send(server.request("POST", &path).header("content-type", "text/csv").body(csv)).await.json(201);
+    server.send(server.request("POST", &path).header("content-type", "text/csv").body(csv.clone())).await.json(201);
+    for media in files {
+        server.send(server.request("POST", &path).header("content-type", media).body(csv.clone())).await.json(200);
+    }
     let schema = &document["components"]["schemas"]["NewTrial"];
     // The same signals as those of the CSV, without a time column.
     server.post(&path, &schema["examples"][0]).await.json(200);

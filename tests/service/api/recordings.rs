@@ -66,6 +66,98 @@ async fn every_case_is_told_and_kept_and_stands_in_the_report() {
     server.finish().await;
 }
 
+/// Files of labs, over HTTP: what was understood stands in the answer, and what was done stays with the trial.
+#[tokio::test]
+async fn what_was_understood_is_answered_and_what_was_done_is_kept() {
+    let server = TestServer::start().await;
+    let lab = lab(&server).await;
+    let german = server.upload_csv(&lab, "&number=1", case("excel_de.csv.gz")).await.json(201);
+    let known = &german["understood"];
+    assert_eq!(
+        (&known["format"], &known["delimiter"], &known["decimal_mark"], &known["header_row"], &known["first_row"]),
+        (&json!("text"), &json!("semicolon"), &json!("comma"), &json!(1), &json!(2)),
+    );
+    assert_eq!(known["columns"][0], json!({"signal": "t", "name": "t", "unit": null}));
+    assert!(known["words"][0].as_str().unwrap().contains("cells between semicolons"), "{known}");
+
+    // The same recording, with other names and in milliseconds.
+    let query = "&number=2&columns=t:Time,r:Target,u:Joystick,y:Cursor";
+    let named = server.upload_csv(&lab, query, case("wrongnames.csv.gz")).await.json(200);
+    assert_eq!((&named["duplicate"], &named["id"]), (&json!(true), &german["id"]));
+    let ms = server.upload_csv(&lab, "&number=2&time_unit=ms", case("ms.csv.gz")).await.json(200);
+    assert_eq!((&ms["sample_time_s"], &ms["understood"]["time_unit"]), (&json!(0.02), &json!("ms")));
+
+    // Uneven times are refused by rows, and resampled on request, which stays with the trial.
+    let uneven = server.upload_csv(&lab, "&number=3", case("F19_csv_fluctuating_90_82.csv.gz")).await;
+    let problem = uneven.problem(422, "bad_signal");
+    assert_eq!(problem["where"], "row 152, column t");
+    assert!(problem["mend"].as_str().unwrap().contains("resample=linear"), "{problem}");
+    let even = server.upload_csv(&lab, "&number=3&resample=linear", case("F19_csv_fluctuating_90_82.csv.gz")).await;
+    let even = even.json(201);
+    assert_eq!(even["understood"]["resampled"], true);
+    let stored = server.get(&format!("/v1/trials/{}", even["id"].as_str().unwrap())).await.json(200);
+    assert!(codes(&stored["recording_warnings"]).contains(&"resampled"), "{stored}");
+
+    // Whatever the media type says, the content decides.
+    let path = format!("/v1/subjects/{}/trials?plant={}&number=4", lab.subject, lab.plant);
+    for (media, body) in [
+        ("text/tab-separated-values", case("F26_csv_bids_tsv_header.csv.gz").replace("n/a", "0.03")),
+        ("text/plain", case("F25_csv_space_delim.csv.gz")),
+        ("application/octet-stream", case("F16_csv_savetxt_default_fs.csv.gz")),
+    ] {
+        let path = path.replace("number=4", &format!("number={}", 4 + media.len()));
+        let made = server.send(server.request("POST", &path).header("content-type", media).body(body)).await;
+        assert_eq!(made.json(201)["understood"]["format"], "text", "{media}");
+    }
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/matlab");
+    let mat = std::fs::read(folder.join("runs.mat")).unwrap();
+    let path = format!("{path}&columns=r:runs(2).signals.r&sample_time_s=0.02").replace("number=4", "number=90");
+    let mat = server.send(server.request("POST", &path).header("content-type", "application/octet-stream").body(mat));
+    assert_eq!(mat.await.json(201)["understood"]["format"], "matlab_5");
+
+    // An archived folder is a form of its files; tables of Motion-BIDS take what stands beside them.
+    let rows =
+        |shift: usize| (0..30).map(|i| format!("{}\t{}\t{}", i, 3 * i + shift, 2 * i)).collect::<Vec<_>>().join("\n");
+    let channels = "name\ttype\tunits\ntarget\tPOS\tmm\nstick\tMISC\tN\ncursor\tPOS\tmm\n";
+    let mut files = vec![("dataset_description.json".to_owned(), "{}".to_owned())];
+    for run in 1..=2 {
+        let stem = format!("sub-01/motion/sub-01_task-track_run-{run}");
+        files.push((format!("{stem}_motion.tsv"), rows(run)));
+        files.push((format!("{stem}_channels.tsv"), channels.to_owned()));
+        files.push((format!("{stem}_motion.json"), r#"{"SamplingFrequency": 50}"#.to_owned()));
+    }
+    let mut writer = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    for (name, text) in &files {
+        writer.start_file(name.as_str(), zip::write::SimpleFileOptions::default()).unwrap();
+        std::io::Write::write_all(&mut writer, text.as_bytes()).unwrap();
+    }
+    let archive = writer.finish().unwrap().into_inner();
+    let path = format!("/v1/subjects/{}/trials?plant={}&session=5", lab.subject, lab.plant);
+    let path = format!("{path}&columns=r:target,u:stick,y:cursor");
+    let made = server.send(server.request("POST", &path).header("content-type", "application/zip").body(archive)).await;
+    let made = made.json(201);
+    assert_eq!(made["items"].as_array().unwrap().len(), 2);
+    let second = &made["items"][1];
+    assert_eq!(
+        (&second["sample_time_s"], &second["samples"], &second["number"]),
+        (&json!(0.02), &json!(30), &json!(2))
+    );
+    assert!(second["file"].as_str().unwrap().ends_with("run-2_motion.tsv"), "{second}");
+
+    for (query, place) in [
+        ("&time_unit=min", "query parameter time_unit"),
+        ("&resample=cubic", "query parameter resample"),
+        ("&columns=stick", "query parameter columns"),
+    ] {
+        let problem = server.upload_csv(&lab, query, case("ms.csv.gz")).await.problem(400, "malformed");
+        assert_eq!(problem["where"], place);
+    }
+    let path = format!("/v1/subjects/{}/trials?plant={}&columns=r:a", lab.subject, lab.plant);
+    let mapped = server.post(&path, &json!({"sample_time_s": 0.02, "r": [0, 1], "u": [0, 1], "y": [0, 1]})).await;
+    assert_eq!(mapped.problem(400, "malformed")["where"], "query parameter columns");
+    server.finish().await;
+}
+
 /// A trial as the plant answers, with a time column or without.
 fn tracking(step: f64, gain: f64) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
     let (mut r, mut u, mut y) = (Vec::new(), Vec::new(), Vec::new());

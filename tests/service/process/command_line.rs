@@ -306,3 +306,103 @@ async fn figures_of_a_study_are_written() {
     assert_eq!(refused.status.code(), Some(2));
     assert_eq!(problem(&refused)["where"], "query parameter format");
 }
+
+/// A recording of a lag of one second as a lab has it, with names and a unit of its own.
+fn recording(folder: &std::path::Path, with_gap: bool) -> std::path::PathBuf {
+    let mut text = "Time;Target;Stick;Cursor\n".to_owned();
+    let (mut y, keep) = (0.0_f64, (-0.02_f64).exp());
+    for i in 0..400 {
+        let t = 20 * i;
+        let r = (0.05 * f64::from(i)).sin();
+        let u = 4.0 * (r - y);
+        if !(with_gap && (100..103).contains(&i)) {
+            text.push_str(&format!("{t};{r};{u};{y}\n").replace('.', ","));
+        }
+        y = keep * y + (1.0 - keep) * u;
+    }
+    let path = folder.join("s01.csv");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+#[test]
+fn check_says_what_a_file_is_and_how_to_import_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = recording(folder.path(), false);
+    let check = |more: &[&str]| volition(&[&["check", path.to_str().unwrap()], more].concat()).output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).unwrap();
+
+    let unnamed = check(&[]);
+    assert_eq!(unnamed.status.code(), Some(2));
+    let said = text(&unnamed.stderr);
+    assert!(said.contains("at: row 1") && said.contains("--columns t:Time,r:Target,u:Stick,y:Cursor"), "{said}");
+
+    let named = ["--columns", "t:Time,r:Target,u:Stick,y:Cursor"];
+    let unsaid = text(&check(&named).stdout);
+    assert!(unsaid.contains("implausible_sample_time") && unsaid.contains("--time-unit ms (0.02 s apart)"), "{unsaid}");
+
+    let whole = [&named[..], &["--time-unit", "ms", "--plant", "1/(s+1)"]].concat();
+    let good = check(&whole);
+    assert_eq!(good.status.code(), Some(0), "{}", text(&good.stderr));
+    let said = text(&good.stdout);
+    for words in [
+        "cells between semicolons, numbers with a decimal comma; row 1 names the columns; rows 2 to 401 are samples",
+        "Time is in ms, as was given.",
+        "400 samples, 0.02 s apart: 8 s",
+        "G u explains 100.00 % of y",
+        "--plant '1/(s+1)' --columns t:Time,r:Target,u:Stick,y:Cursor --time-unit ms",
+    ] {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+    assert!(!said.contains("warning"), "{said}");
+    // The commands do what they say.
+    let commands: Vec<&str> = said.lines().skip_while(|line| !line.contains("to import it")).skip(1).collect();
+    let script = commands.join("\n").replace("volition import", "\"$VOLITION\" import --database lab.db");
+    let output = std::process::Command::new("sh")
+        .args(["-c", &script])
+        .env("VOLITION", env!("CARGO_BIN_EXE_volition"))
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    let imported = text(&output.stdout);
+    assert!(imported.contains("1 trials imported"), "{imported}{}", text(&output.stderr));
+
+    let report: Value = serde_json::from_slice(&check(&[&whole[..], &["--json"]].concat()).stdout).unwrap();
+    assert_eq!((&report["samples"], &report["understood"]["delimiter"]), (&json!(400), &json!("semicolon")));
+    assert!(report["explained_output"].as_f64().unwrap() > 0.999, "{report}");
+
+    recording(folder.path(), true);
+    let gap = check(&[&whole[..], &["--json"]].concat());
+    assert_eq!(gap.status.code(), Some(2));
+    let problem: Value = serde_json::from_slice(&gap.stderr).unwrap();
+    assert_eq!(problem["where"], "row 102, column Time");
+    assert!(problem["detail"].as_str().unwrap().contains("3 samples are missing"), "{problem}");
+}
+
+#[test]
+fn run_takes_files_in_the_place_of_trials() {
+    let folder = tempfile::tempdir().unwrap();
+    recording(folder.path(), false);
+    let document = |trial: Value| {
+        let document = json!({"kind": "frequency_response", "inputs": {"trial": trial}, "spec": {}});
+        let path = folder.path().join("request.json");
+        std::fs::write(&path, document.to_string()).unwrap();
+        volition(&["run", path.to_str().unwrap()]).output().unwrap()
+    };
+    let described = json!({"file": "s01.csv", "columns": "t:Time,r:Target,u:Stick,y:Cursor", "time_unit": "ms"});
+    let output = document(described.clone());
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["kind"], "frequency_response");
+
+    for (trial, place) in [
+        (json!("s01.csv"), "/inputs/trial, file s01.csv, row 1"),
+        (json!("s02.csv"), "/inputs/trial, file s02.csv, "),
+        (json!({"file": "s01.csv", "unit": "ms"}), "/inputs/trial"),
+    ] {
+        let output = document(trial);
+        assert_eq!(output.status.code(), Some(2));
+        let problem = problem(&output);
+        assert!(problem["where"].as_str().unwrap().starts_with(place), "{problem}");
+    }
+}
