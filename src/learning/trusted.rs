@@ -1,8 +1,7 @@
 //! How far the quantities of a trial may be used, and what is said of means that take in what may not.
 
 use super::curves::{CurvePoint, Metric};
-use super::groups::Cell;
-use super::inputs::{Estimator, Identification, NormIntervals, Remark};
+use super::inputs::{Identification, NormIntervals, Remark};
 use crate::trust::{Estimate, Evidence, Level, MeanTrust, Sort, Trust, judge, measured, not_identified, of_mean};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -169,13 +168,4 @@ impl StatementTrust {
             MeanTrust { do_not_use, of, .. } => format!("; {do_not_use} of its {of} values are not to be used"),
         }
     }
-}
-
-/// How far a statement about everybody's values in a group may go; divergent trials are part of none.
-pub(super) fn statement(cell: &Cell, metric: Metric, estimator: Estimator) -> StatementTrust {
-    let trials = cell.subjects.iter().flat_map(|(_, trials)| trials).filter(|trial| !trial.divergent);
-    let points: Vec<CurvePoint> =
-        trials.map(|trial| super::curves::point(trial, 1, cell.spec.as_ref(), estimator)).collect();
-    let with = points.iter().filter(|point| point.value(metric).is_some());
-    StatementTrust::of(with.filter_map(|point| point.trust(metric)))
 }

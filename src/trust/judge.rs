@@ -117,7 +117,7 @@ pub fn judge(estimate: &Estimate<'_>, evidence: &Evidence, divergent: bool) -> T
     };
     let mut found: Vec<Reason> = divergence(divergent).into_iter().collect();
     recording(evidence, &mut found);
-    simulation(evidence, &mut found);
+    simulation(estimate, evidence, &mut found);
     if estimate.sort != Sort::Share {
         interval(estimate, value, &mut found);
         spread(estimate, &mut found);
@@ -157,11 +157,14 @@ fn recording(evidence: &Evidence, found: &mut Vec<Reason>) {
     }
 }
 
-fn simulation(evidence: &Evidence, found: &mut Vec<Reason>) {
+/// A simulation is the only check of an estimate without an interval. With one, the interval says how far the value may
+/// be used: on simulated people the loop of controllers whose norms are right within it is unstable in most trials.
+fn simulation(estimate: &Estimate<'_>, evidence: &Evidence, found: &mut Vec<Reason>) {
     let share = evidence.simulated_share;
+    let fails = if estimate.interval.is_some() { Level::Read } else { Level::DoNotUse };
     if evidence.simulation_fails || share.is_some_and(|share| share <= CONSTANTS.simulated_share_do_not_use) {
         let because = "simulated, the controllers explain none of the output";
-        found.push(reason(Level::DoNotUse, "simulation_fails", because));
+        found.push(reason(fails, "simulation_fails", because));
     } else if let Some(share) = share.filter(|share| *share < CONSTANTS.simulated_share_read) {
         let because = format!("simulated, the controllers explain {:.0} % of the output", 100.0 * share);
         found.push(reason(Level::Read, "simulation_weak", because));

@@ -73,7 +73,7 @@ pub struct Row {
     pub condition: &'static str,
     /// What it is about.
     pub quantities: &'static str,
-    /// What it says; of row 8 that of the feedback.
+    /// What it says: of row 8 of the feedback, of failing simulations of what has no interval.
     pub level: Level,
     /// What to do, in one sentence.
     pub advice: &'static str,

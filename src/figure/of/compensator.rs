@@ -10,8 +10,8 @@ use crate::figure::{Axis, Figure, Ink, Mark, Panel, RuleKind, Series, Weight};
 /// The name of the figure in addresses.
 pub const NAME: &str = "compensator";
 
-/// The flatness gain over the gain K, a line for each pair of corners of the sweep, the answer ringed; the stretch whose
-/// loop is not stable has no line.
+/// The flatness gain over the gain K, a line for each pair of corners of the sweep, the answer ringed; where the loop
+/// is not stable there is no line.
 ///
 /// # Errors
 /// [`Unreadable`] where the kind is no compensator's, or the spec asked for no sweep.

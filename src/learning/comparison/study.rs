@@ -8,11 +8,11 @@ use super::report::{ComparedGroup, ComparedPair, ComparisonSettings, Families, S
 use super::series::{PersonSeries, PracticeAxis, error_source, series};
 use super::shape::ErrorSource;
 use super::words;
-use crate::learning::curves::{CurveOptions, Metric};
+use crate::learning::curves::{CurveOptions, CurvePoint, Metric, point};
 use crate::learning::groups::{Cell, cells};
 use crate::learning::inputs::{Estimator, SubjectInput};
 use crate::learning::time_domain::START_THRESHOLD;
-use crate::learning::trusted::{StatementTrust, statement};
+use crate::learning::trusted::StatementTrust;
 use std::collections::BTreeSet;
 
 /// Pairs of groups that are compared at most: the time of a request.
@@ -254,6 +254,14 @@ fn fill(
         let counts = pair_counts(&comparison.groups[*first].counts, &comparison.groups[*second].counts, settings.seed);
         comparison.pairs.push(ComparedPair { first: *first, second: *second, metrics, counts });
     }
+}
+
+/// How far a statement about everybody's values in a group may go; divergent trials are part of none.
+fn statement(cell: &Cell, metric: Metric, estimator: Estimator) -> StatementTrust {
+    let trials = cell.subjects.iter().flat_map(|(_, trials)| trials).filter(|trial| !trial.divergent);
+    let points: Vec<CurvePoint> = trials.map(|trial| point(trial, 1, cell.spec.as_ref(), estimator)).collect();
+    let with = points.iter().filter(|point| point.value(metric).is_some());
+    StatementTrust::of(with.filter_map(|point| point.trust(metric)))
 }
 
 /// How far statements about the difference of two groups may go: that of the worse one.

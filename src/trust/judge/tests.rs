@@ -10,6 +10,9 @@ const NARROW: Estimate<'static> = Estimate {
     spread: None,
 };
 
+/// The same without an interval.
+const ALONE: Estimate<'static> = Estimate { interval: None, ..NARROW };
+
 /// Every row by itself, at both sides of its border.
 #[test]
 fn each_row_of_the_rule_has_its_level() {
@@ -28,8 +31,9 @@ fn each_row_of_the_rule_has_its_level() {
         (Estimate { value: None, ..NARROW }, clean.clone(), NotIdentified, "not_identified"),
         (NARROW, with(&|e| e.agreement = Agreement::Foreign), DoNotUse, "output_not_from_control"),
         (NARROW, with(&|e| e.agreement = Agreement::Loose), Read, "output_loosely_from_control"),
-        (NARROW, with(&|e| e.simulation_fails = true), DoNotUse, "simulation_fails"),
-        (NARROW, with(&|e| e.simulated_share = Some(0.0)), DoNotUse, "simulation_fails"),
+        (ALONE, with(&|e| e.simulation_fails = true), DoNotUse, "simulation_fails"),
+        (ALONE, with(&|e| e.simulated_share = Some(0.0)), DoNotUse, "simulation_fails"),
+        (NARROW, with(&|e| e.simulation_fails = true), Read, "simulation_fails"),
         (NARROW, with(&|e| e.simulated_share = Some(0.49)), Read, "simulation_weak"),
         (NARROW, with(&|e| e.simulated_share = Some(0.5)), Ok, "ok"),
         (of([0.1, 0.7]), clean.clone(), DoNotUse, "interval_too_wide"),
