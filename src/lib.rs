@@ -66,5 +66,6 @@ pub mod simulate;
 pub mod store;
 pub mod telemetry;
 pub mod trial;
+pub mod trust;
 pub mod two_stimulus;
 pub mod worker;

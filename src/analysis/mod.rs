@@ -5,6 +5,7 @@
 
 pub mod compensator_design;
 pub mod contract;
+pub mod estimates;
 pub mod excitation;
 pub mod excitation_quality;
 pub mod frequency_response;

@@ -201,7 +201,7 @@ pub(crate) async fn of_study(
     let options = query.options();
     let mut gathered = gather(&state, id, None, None, &query.trials()).await?;
     judge_starts(&state, &mut gathered, &options).await?;
-    let Gathered { subjects, mut remarks, .. } = gathered;
+    let Gathered { subjects, mut remarks } = gathered;
     let mut comparison = off_thread(move || compare(&subjects, &options)).await?.map_err(problem)?;
     comparison.remarks.append(&mut remarks);
     etag::conditional(&headers, &comparison)

@@ -43,16 +43,21 @@ pub(crate) struct ResponseQuery {
     each_subject: bool,
 }
 
+/// The parameter `trial`.
+pub(super) fn trial_selection(query: &mut QueryText) -> Result<Option<TrialSelection>, Problem> {
+    query.one_of("trial", "first, last and trial numbers", |text| match text {
+        "first" => Some(TrialSelection::First),
+        "last" => Some(TrialSelection::Last),
+        number => {
+            let plain = !number.starts_with(['0', '+']) && number.len() <= 9;
+            number.parse().ok().filter(|n| plain && *n >= 1).map(TrialSelection::Number)
+        }
+    })
+}
+
 impl FromQuery for ResponseQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
-        let trial = query.one_of("trial", "first, last and trial numbers", |text| match text {
-            "first" => Some(TrialSelection::First),
-            "last" => Some(TrialSelection::Last),
-            number => {
-                let plain = !number.starts_with(['0', '+']) && number.len() <= 9;
-                number.parse().ok().filter(|n| plain && *n >= 1).map(TrialSelection::Number)
-            }
-        })?;
+        let trial = trial_selection(query)?;
         let omega_from_rad_s = query.number("omega_from_rad_s")?;
         let omega_to_rad_s = query.number("omega_to_rad_s")?;
         for (name, value) in [("omega_from_rad_s", omega_from_rad_s), ("omega_to_rad_s", omega_to_rad_s)] {

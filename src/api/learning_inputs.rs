@@ -1,12 +1,11 @@
 //! Gathers from the store what learning curves and mean controllers are made from.
 
 use super::extract::{FromQuery, QueryText, off_thread};
-use super::learning_reports::identification;
 use super::problem::{ApiResult, unless_missing};
 use super::state::AppState;
+use crate::analysis::estimates::{About, identification};
 use crate::analysis::ids::{PlantId, StudyId, SubjectId};
 use crate::analysis::{Analysis as _, Code, Kind, Problem, prediction_error, ssid, two_stimulus};
-use crate::figure::trust::Evidence;
 use crate::learning::inputs::{Estimator, Identification, PlantName, Remark, SubjectInput, TrialInput};
 use crate::learning::{CurveOptions, time_domain::TimeDomainMetrics};
 use crate::num::hexadecimal;
@@ -103,8 +102,6 @@ impl CurveQuery {
 pub(super) struct Gathered {
     pub(crate) subjects: Vec<SubjectInput>,
     pub(crate) remarks: Vec<Remark>,
-    /// What the reports shown say of the trust in them, by analysis.
-    pub(crate) evidence: BTreeMap<String, Evidence>,
 }
 
 /// The trials of a study that the query asks for, with what was identified from them.
@@ -147,10 +144,13 @@ pub(super) async fn gather(
         reports.extend(of_kind.into_iter().map(|report| (estimator, report)));
     }
     let shown = query.estimator;
-    let plants = all(|page| state.store.plants(study, page), |plant| plant.id.0).await?;
+    let plants = everything(|page| state.store.plants(study, page), |plant| plant.id.0).await?;
     let subjects = match subject {
         Some(subject) => vec![subject],
-        None => all(|page| state.store.subjects(study, filter.group.as_deref(), page), |subject| subject.id.0).await?,
+        None => {
+            everything(|page| state.store.subjects(study, filter.group.as_deref(), page), |subject| subject.id.0)
+                .await?
+        }
     };
     let gathered = off_thread(move || assemble(subjects, plants, trials, reports, shown)).await??;
     if let Some(spec) = &query.spec {
@@ -170,7 +170,10 @@ pub(super) async fn gather(
 }
 
 /// Every row of a list.
-async fn all<T, F>(mut page: impl FnMut(Page) -> F, id: impl Fn(&T) -> Uuid) -> Result<Vec<T>, StoreError>
+pub(in crate::api) async fn everything<T, F>(
+    mut page: impl FnMut(Page) -> F,
+    id: impl Fn(&T) -> Uuid,
+) -> Result<Vec<T>, StoreError>
 where
     F: Future<Output = Result<Vec<T>, StoreError>>,
 {
@@ -194,7 +197,6 @@ fn assemble(
 ) -> Result<Gathered, Problem> {
     let plants: BTreeMap<PlantId, Plant> = plants.into_iter().map(|plant| (plant.id, plant)).collect();
     let mut remarks = Vec::new();
-    let mut evidence = BTreeMap::new();
     let mut by_trial: BTreeMap<_, Vec<(Estimator, TrialReport)>> = BTreeMap::new();
     for (estimator, report) in reports {
         by_trial.entry(report.trial).or_default().push((estimator, report));
@@ -206,12 +208,12 @@ fn assemble(
         let (mut identifications, mut by_other_estimators): (Vec<Identification>, Vec<Identification>) =
             Default::default();
         for (estimator, report) in by_trial.remove(&trial.id).unwrap_or_default() {
-            match identification(estimator, &report, &plant.model) {
+            let analysis = report.analysis.to_string();
+            let (spec_sha256, position) = (&*report.spec_sha256, report.position);
+            let about = About { analysis: &analysis, spec_sha256, position, report: &report.report };
+            match identification(estimator, about, Some(&plant.model)) {
                 Ok(None) => {}
-                Ok(Some(found)) if estimator == shown => {
-                    evidence.entry(found.analysis.clone()).or_insert_with(|| Evidence::of(&report.report));
-                    identifications.push(found);
-                }
+                Ok(Some(found)) if estimator == shown => identifications.push(found),
                 Ok(Some(found)) => by_other_estimators.push(found),
                 Err(_) if estimator != shown => {}
                 Err(why) => remarks.push(Remark {
@@ -244,5 +246,5 @@ fn assemble(
             group: subject.group,
         })
         .collect();
-    Ok(Gathered { subjects, remarks, evidence })
+    Ok(Gathered { subjects, remarks })
 }

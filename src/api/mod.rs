@@ -23,7 +23,6 @@ mod idempotency;
 mod kinds;
 mod learning_curves;
 mod learning_inputs;
-mod learning_reports;
 mod median_subjects;
 mod named;
 mod ops;
@@ -40,6 +39,8 @@ mod subjects;
 mod telemetry;
 mod timestamp;
 mod trials;
+mod trust;
+mod units;
 mod upload;
 
 pub use docs::document;

@@ -10,10 +10,11 @@ use super::problem::ApiResult;
 use super::state::AppState;
 use super::studies::StudyPath;
 use super::timestamp::Timestamp;
+use super::units::UnitsBody;
 use crate::analysis::ids::{PlantId, StudyId};
 use crate::analysis::{Code, Problem};
 use crate::control::Model;
-use crate::store::{NewPlant, Plant, PlantPatch};
+use crate::store::{NewPlant, Plant, PlantPatch, SignalUnits};
 use axum::extract::State;
 use axum::response::Response;
 use schemars::JsonSchema;
@@ -34,6 +35,8 @@ pub(crate) struct PlantView {
     name: String,
     /// Its model, from control to output.
     model: Model,
+    /// The units of what is recorded on it.
+    units: SignalUnits,
     /// Counts changes, from 1.
     version: i64,
     /// When it was made, UTC.
@@ -55,8 +58,8 @@ impl View for PlantView {
 
 impl From<Plant> for PlantView {
     fn from(plant: Plant) -> Self {
-        let Plant { id, study, name, model, version, created_at, updated_at } = plant;
-        Self { id, study, name, model, version, created_at, updated_at }
+        let Plant { id, study, name, model, units, version, created_at, updated_at } = plant;
+        Self { id, study, name, model, units, version, created_at, updated_at }
     }
 }
 
@@ -73,6 +76,9 @@ pub(crate) struct NewPlantBody {
     /// Its model: a transfer function with coefficients in descending powers, or state space matrices.
     #[schemars(with = "Model")]
     model: Value,
+    /// The units of what is recorded on it, as figures write them.
+    #[serde(default)]
+    units: UnitsBody,
 }
 
 /// Changes to a plant.
@@ -84,6 +90,9 @@ pub(crate) struct PlantPatchBody {
     #[serde(default, deserialize_with = "present")]
     #[schemars(length(min = 1, max = 200), extend("pattern" = NAME_PATTERN))]
     name: Option<String>,
+    /// New units.
+    #[serde(default)]
+    units: UnitsBody,
 }
 
 /// Names a plant in the path.
@@ -137,7 +146,11 @@ pub(crate) async fn create(
     idempotency: Idempotency,
     body: Json<NewPlantBody>,
 ) -> ApiResult<Response> {
-    let new = NewPlant { name: checks::name(&body.value.name, "/name")?, model: model(&body.value.model, "/model")? };
+    let new = NewPlant {
+        name: checks::name(&body.value.name, "/name")?,
+        model: model(&body.value.model, "/model")?,
+        units: body.value.units.new_units()?,
+    };
     let made = state.store.create_plant(study, new, idempotency.key(&body.bytes).as_ref()).await?;
     named::made::<PlantView>(&made, "/v1/plants")
 }
@@ -158,7 +171,7 @@ pub(crate) async fn read(plant: Named<PlantView>) -> ApiResult<Response> {
     plant.read().await
 }
 
-/// Renames a plant. Its model cannot be changed; add another plant instead.
+/// Renames a plant, or changes the units of its signals. Its model cannot be changed; add another plant instead.
 #[utoipa::path(patch, path = "/v1/plants/{plant}", tag = "plants", operation_id = "change_plant",
     params(PlantPath, IfMatch),
     request_body(content((PlantPatchBody = "application/merge-patch+json"), (PlantPatchBody = "application/json"))),
@@ -168,7 +181,10 @@ pub(crate) async fn patch(
     plant: Named<PlantView>,
     MergePatch(body): MergePatch<PlantPatchBody>,
 ) -> ApiResult<Response> {
-    let patch = PlantPatch { name: body.name.map(|name| checks::name(&name, "/name")).transpose()? };
+    let patch = PlantPatch {
+        name: body.name.map(|name| checks::name(&name, "/name")).transpose()?,
+        units: body.units.change()?,
+    };
     plant.change(patch).await
 }
 

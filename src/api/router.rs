@@ -5,7 +5,7 @@ use super::problem::{HttpProblem, PROBLEM_JSON};
 use super::state::AppState;
 use super::{
     analyses, comparison, docs, events, figures, frequency_responses, kinds, learning_curves, median_subjects, ops,
-    plants, samples, schema, signals, studies, study_analyses, subjects, trials, upload,
+    plants, samples, schema, signals, studies, study_analyses, subjects, trials, trust, upload,
 };
 use axum::Router;
 use serde_json::Value;
@@ -60,6 +60,10 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(samples::read))
         .routes(routes!(analyses::cancel))
         .routes(routes!(events::follow))
+        .routes(routes!(trust::read_rule))
+        .routes(routes!(trust::of_analysis))
+        .routes(routes!(trust::of_trial))
+        .routes(routes!(trust::of_study))
         .routes(routes!(learning_curves::of_subject))
         .routes(routes!(learning_curves::of_study))
         .routes(routes!(comparison::of_study))
@@ -71,6 +75,7 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(figures::of_study::read))
         .routes(routes!(figures::of_analysis::list))
         .routes(routes!(figures::of_analysis::read))
+        .routes(routes!(figures::of_queue::read))
         .routes(routes!(ops::healthz))
         .routes(routes!(ops::readyz))
         .routes(routes!(ops::metrics))

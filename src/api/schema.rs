@@ -15,14 +15,17 @@ use super::studies::{NewStudyBody, StudyList, StudyPatchBody, StudyView};
 use super::study_analyses::{BulkAnswer, BulkRequest, StudyProgress};
 use super::subjects::{NewSubjectBody, SubjectList, SubjectPatchBody, SubjectView};
 use super::trials::{TrialList, TrialPatchBody, TrialView};
+use super::trust::{AnalysisTrust, TrialTrust};
 use super::upload::{UploadForm, Uploaded};
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Kind, Report, Request};
 use crate::figure::Figure;
 use crate::jobs::Status;
 use crate::learning::median_subject::StudyMedianSubjects;
+use crate::learning::trust_grid::StudyTrust;
 use crate::learning::{StudyComparison, StudyFrequencyResponses, StudyLearningCurves, SubjectLearningCurve};
 use crate::trial::json::TrialDocument;
+use crate::trust::TrustRule;
 use schemars::generate::SchemaSettings;
 use schemars::transform::{RecursiveTransform, Transform};
 use schemars::{JsonSchema, Schema, SchemaGenerator};
@@ -105,6 +108,10 @@ bodies! {
         SubjectLearningCurve,
         SubjectView,
         TrialView,
+        StudyTrust,
+        AnalysisTrust,
+        TrialTrust,
+        TrustRule,
         Uploaded,
         AnalysisList,
         PlantList,

@@ -7,10 +7,13 @@ use super::named::{Named, View};
 use super::problem::ApiResult;
 use super::subjects::SubjectPath;
 use super::timestamp::Timestamp;
+use super::trust::measured_of;
+use super::units::UnitsBody;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Code, Problem, Warning};
 use crate::learning::time_domain::TimeDomainMetrics;
-use crate::store::{TrialPatch, TrialRecord};
+use crate::store::{SignalUnits, TrialPatch, TrialRecord};
+use crate::trust::Trust;
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -49,6 +52,10 @@ pub(crate) struct TrialView {
     metrics: TrialMetrics,
     /// What was found at the upload and must be read before the trial is used; repeated in every report that uses it.
     recording_warnings: Vec<Warning>,
+    /// The units of its signals, where they are not those of its plant.
+    units: SignalUnits,
+    /// How far what was measured may be used; what was identified is at `/v1/trials/{trial}/trust`.
+    trust: Vec<Trust>,
     /// Counts changes, from 1.
     version: i64,
     /// When it was made, UTC.
@@ -91,8 +98,10 @@ impl From<TrialRecord> for TrialView {
             samples: record.samples,
             has_disturbance: record.has_disturbance,
             sha256: record.sha256,
+            trust: measured_of(&record.metrics, record.divergent),
             metrics: TrialMetrics { time_domain: record.metrics, divergent: record.divergent },
             recording_warnings: record.warnings,
+            units: record.units,
             version: record.version,
             created_at: record.created_at,
             updated_at: record.updated_at,
@@ -122,6 +131,9 @@ pub(crate) struct TrialPatchBody {
     #[serde(default, deserialize_with = "present")]
     #[schemars(with = "Option<i64>", range(min = 0, max = 1000000000))]
     session: Option<Option<Integer>>,
+    /// Units of its signals, where they are not those of its plant.
+    #[serde(default)]
+    units: UnitsBody,
 }
 
 /// A number or session within its range.
@@ -150,7 +162,7 @@ pub(crate) async fn read(trial: Named<TrialView>) -> ApiResult<Response> {
     trial.read().await
 }
 
-/// Changes a trial's number or session.
+/// Changes a trial's number or session, or the units of its signals.
 #[utoipa::path(patch, path = "/v1/trials/{trial}", tag = "trials", operation_id = "change_trial",
     params(TrialPath, IfMatch),
     request_body(content((TrialPatchBody = "application/merge-patch+json"), (TrialPatchBody = "application/json"))),
@@ -167,6 +179,7 @@ pub(crate) async fn patch(
             Some(None) => Some(None),
             None => None,
         },
+        units: body.units.change()?,
     };
     trial.change(patch).await
 }

@@ -32,10 +32,10 @@ use story::{Story, Way};
 use tokio_util::sync::CancellationToken;
 
 /// The trials that are simulated, out of a practice of forty (Zhang 2015, section 5.2).
-const TRIALS: [u32; 6] = [1, 5, 10, 20, 30, 40];
+pub const TRIALS: [u32; 6] = [1, 5, 10, 20, 30, 40];
 
 /// The band of the command in Hz, over which norms are taken (Zhang 2015, section 5.7): from one period a trial.
-const BAND_HZ: [f64; 2] = [1.0 / 60.0, 0.5];
+pub const BAND_HZ: [f64; 2] = [1.0 / 60.0, 0.5];
 
 /// How often the queue is looked at for the progress bar.
 const LOOK: Duration = Duration::from_millis(100);

@@ -1,9 +1,12 @@
 //! `volition figures STUDY --out DIR`: what a study offers to see, as files.
 
+mod like;
+
 use super::{Answer, ask, find_study};
 use crate::store::Store;
 use anyhow::{Context as _, bail};
 use clap::Args;
+use like::Asked;
 use serde_json::Value;
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -36,6 +39,10 @@ pub struct FiguresArgs {
     /// How the controllers shown were estimated: ssid, ssid_refined, two_stimulus or prediction_error.
     #[arg(long, value_name = "NAME", default_value = "ssid")]
     pub estimator: String,
+    /// Only the figures that a publication shows, with the signals of each group's median subject: zhang2015_chapter_3
+    /// or zhang2015_chapter_5.
+    #[arg(long, value_name = "NAME")]
+    pub like: Option<String>,
 }
 
 /// Draws, writes, and prints the names of the files; says by the exit code whether the request was refused (2).
@@ -52,23 +59,38 @@ pub async fn figures(args: &FiguresArgs) -> anyhow::Result<ExitCode> {
     outcome
 }
 
-async fn write(args: &FiguresArgs, store: &Store, out: &mut impl Write) -> anyhow::Result<ExitCode> {
-    let study = find_study(store, &args.study).await?;
+/// Every figure that the study lists.
+async fn all(store: &Store, study: &str) -> anyhow::Result<Vec<Asked>> {
     let Answer::Body(list) = ask(store, &format!("/v1/studies/{study}/figures")).await? else {
         bail!("the figures of the study cannot be listed");
     };
     let list: Value = serde_json::from_slice(&list).context("the list of figures cannot be read")?;
+    let one = |figure: &Value| {
+        let [file, link] = ["name", "link"].map(|key| figure[key].as_str().map(str::to_owned));
+        Some(Asked { file: file?, link: link? })
+    };
+    let found = list["figures"].as_array().into_iter().flatten().map(one);
+    found.collect::<Option<Vec<_>>>().context("the list of figures cannot be read")
+}
+
+async fn write(args: &FiguresArgs, store: &Store, out: &mut impl Write) -> anyhow::Result<ExitCode> {
+    let study = find_study(store, &args.study).await?;
+    let asked = match &args.like {
+        Some(name) => like::figures(store, &study, name, &args.estimator).await?,
+        None => all(store, &study).await?,
+    };
     let query: Vec<String> =
         [("format", &args.format), ("theme", &args.theme), ("w", &args.width), ("estimator", &args.estimator)]
             .into_iter()
             .map(|(name, value)| format!("{name}={}", super::encoded(value)))
             .collect();
     std::fs::create_dir_all(&args.out).with_context(|| format!("{} cannot be made", args.out.display()))?;
-    for figure in list["figures"].as_array().into_iter().flatten() {
-        let (Some(name), Some(link)) = (figure["name"].as_str(), figure["link"].as_str()) else {
-            bail!("the list of figures cannot be read");
-        };
-        let body = match ask(store, &format!("{link}?{}", query.join("&"))).await? {
+    for Asked { file, link } in asked {
+        // Of one trial or one study, whichever the figure is about: what a trial's figure does not know is not asked.
+        let own = query.iter().filter(|own| link.starts_with("/v1/studies/") || !own.starts_with("estimator="));
+        let joint = if link.contains('?') { "&" } else { "?" };
+        let address = format!("{link}{joint}{}", own.cloned().collect::<Vec<_>>().join("&"));
+        let body = match ask(store, &address).await? {
             Answer::Body(body) => body,
             Answer::Problem(body) => {
                 let mut err = io::stderr().lock();
@@ -77,7 +99,7 @@ async fn write(args: &FiguresArgs, store: &Store, out: &mut impl Write) -> anyho
                 return Ok(ExitCode::from(REFUSED));
             }
         };
-        let file = args.out.join(format!("{name}.{}", args.format));
+        let file = args.out.join(format!("{file}.{}", args.format));
         std::fs::write(&file, body).with_context(|| format!("{} cannot be written", file.display()))?;
         writeln!(out, "{}", file.display())?;
     }

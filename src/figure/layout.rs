@@ -24,6 +24,9 @@ const COLUMN: f64 = 300.0;
 const LEFT: f64 = 62.0;
 const RIGHT: f64 = 16.0;
 
+/// The height of a row of a panel whose rows have names.
+const ROW: f64 = 26.0;
+
 /// Heights of what stands around the panels.
 const LINE: f64 = 18.0;
 const GAP: f64 = 14.0;
@@ -194,7 +197,10 @@ fn arrange(figure: &Figure, stack: &[usize], [x, top, width]: [f64; 3], frames: 
     let mut y = top;
     for (at, panel) in stack.iter().enumerate() {
         let own = &figure.panels[*panel];
-        let height = (full * own.height.clamp(0.2, 1.0)).round();
+        let height = match own.y.names.len() {
+            0 => (full * own.height.clamp(0.2, 1.0)).round(),
+            names => ROW * names as f64,
+        };
         let label = own.y.text();
         let has_y_label = room(&label, TEXT) <= height + 36.0;
         let head = match (has_y_label, own.title.is_empty()) {

@@ -16,7 +16,6 @@ pub mod svg;
 pub mod table;
 pub mod text;
 mod ticks;
-pub mod trust;
 mod value;
 mod view;
 

@@ -51,6 +51,8 @@ pub(super) struct Palette {
     pub limit: &'static str,
     /// By [`INKS`].
     pub inks: [&'static str; 9],
+    /// Text and ground of what is not identified, ok, to be read, not to be used.
+    pub trust: [[&'static str; 2]; 4],
 }
 
 /// The inks, in the order in which palettes have them.
@@ -66,6 +68,7 @@ pub(super) const LIGHT: Palette = Palette {
     base: "#7b8794",
     limit: "#a61b1b",
     inks: ["#8793a0", "#0b5fa5", "#007785", "#c2410c", "#0b5fa5", "#c2410c", "#0097a7", "#17212b", "#52606d"],
+    trust: [["#52606d", "#f6f7f9"], ["#17694b", "#e3f4ec"], ["#7a4d00", "#fdf0d3"], ["#a61b1b", "#fde5e3"]],
 };
 
 /// On dark.
@@ -77,6 +80,7 @@ pub(super) const DARK: Palette = Palette {
     base: "#718191",
     limit: "#ff9c93",
     inks: ["#718191", "#8cc4ff", "#8fe3d0", "#ff7a3d", "#4a9eff", "#ff7a3d", "#8fe3d0", "#f0c6ff", "#a3b0bd"],
+    trust: [["#a3b0bd", "#10161d"], ["#7ee0b4", "#123528"], ["#f2c566", "#3a2d0d"], ["#ff9c93", "#431d1c"]],
 };
 
 /// On paper.
@@ -102,7 +106,16 @@ pub(super) const VARIABLES: Palette = Palette {
         "var(--fig-4)",
         "var(--fig-m)",
     ],
+    trust: [
+        ["var(--fig-tn)", "var(--fig-tng)"],
+        ["var(--fig-to)", "var(--fig-tog)"],
+        ["var(--fig-tr)", "var(--fig-trg)"],
+        ["var(--fig-tx)", "var(--fig-txg)"],
+    ],
 };
+
+/// The endings of the classes of [`Palette::trust`].
+pub(super) const TRUST: [&str; 4] = ["n", "o", "r", "x"];
 
 /// The class of an ink.
 pub(super) fn class(ink: Ink) -> &'static str {

@@ -1,6 +1,6 @@
 //! The style sheet of figures: the same rules in a file of its own and in that of a page.
 
-use super::palette::{DARK, INKS, LIGHT, PAPER, Palette, Theme, VARIABLES, class};
+use super::palette::{DARK, INKS, LIGHT, PAPER, Palette, TRUST, Theme, VARIABLES, class};
 use super::value::Ink;
 use std::fmt::Write as _;
 
@@ -25,7 +25,7 @@ const RULES: &str = ".f-line{fill:none;stroke-linejoin:round}\
 
 /// The rules in the colours of a palette.
 fn rules(palette: &Palette) -> String {
-    let Palette { card, ink, muted, line, base, limit, inks } = palette;
+    let Palette { card, ink, muted, line, base, limit, inks, trust } = palette;
     let mut css = format!(
         ".fig{{font-family:system-ui,-apple-system,\"Segoe UI\",Roboto,\"DejaVu Sans\",sans-serif;\
          font-size:{TEXT}px}}\
@@ -51,6 +51,13 @@ fn rules(palette: &Palette) -> String {
         };
         let _ = write!(css, ".{}{{fill:{colour};stroke:{colour}{dashes}}}", class(*of));
     }
+    for (name, [text, ground]) in TRUST.iter().zip(trust) {
+        let _ = write!(
+            css,
+            ".f-t-{name} path{{fill:{ground};stroke:{text};stroke-width:.7px}}.f-t-{name} text{{fill:{text}}}"
+        );
+    }
+    let _ = write!(css, ".f-cell text{{font-size:{TICK}px;font-weight:600}}");
     css.push_str(RULES);
     // Names over lines are read through a rim of the ground's colour.
     let rim = format!("stroke:{card};stroke-width:3px;paint-order:stroke;stroke-linejoin:round;stroke-dasharray:none");
@@ -73,13 +80,16 @@ pub(super) fn of(theme: Theme) -> Option<String> {
 #[must_use]
 pub fn page_style() -> String {
     let variables = |palette: &Palette| {
-        let Palette { card, ink, muted, line, base, limit, inks } = palette;
+        let Palette { card, ink, muted, line, base, limit, inks, trust } = palette;
         let mut css = format!(
             "--fig-card:{card};--fig-ink:{ink};--fig-muted:{muted};--fig-line:{line};--fig-base:{base};\
              --fig-limit:{limit}"
         );
         for (of, colour) in INKS.iter().zip(inks) {
             let _ = write!(css, ";--fig-{}:{colour}", class(*of).trim_start_matches("fi-"));
+        }
+        for (name, [text, ground]) in TRUST.iter().zip(trust) {
+            let _ = write!(css, ";--fig-t{name}:{text};--fig-t{name}g:{ground}");
         }
         css
     };
@@ -124,6 +134,9 @@ mod tests {
     #[test]
     fn everything_can_be_seen_against_the_ground() {
         for palette in [LIGHT, DARK, PAPER] {
+            for [text, ground] in palette.trust {
+                assert!(contrast(text, ground) >= 4.5, "{text} on {ground}");
+            }
             for text in [palette.ink, palette.muted, palette.limit] {
                 assert!(contrast(text, palette.card) >= 4.5, "text {text} on {}", palette.card);
             }

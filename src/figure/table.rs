@@ -15,6 +15,11 @@ fn mark(mark: Mark) -> &'static str {
         Mark::Crosses => "crosses",
         Mark::Bars => "bars",
         Mark::Band => "band",
+        Mark::Cells => "cells",
+        Mark::Columns => "columns",
+        Mark::Times => "times",
+        Mark::Plus => "plus",
+        Mark::Rings => "rings",
     }
 }
 
@@ -50,8 +55,8 @@ pub fn csv(figure: &Figure) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figure::trust::Level;
     use crate::figure::{Axis, Ink, Panel, Series, Weight};
+    use crate::trust::Level;
 
     #[test]
     fn every_number_reads_back_and_names_stay_cells() {

@@ -1,6 +1,6 @@
 //! What a figure is.
 
-use super::trust::Level;
+use crate::trust::Level;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -37,6 +37,9 @@ pub struct Axis {
     pub include: Vec<f64>,
     /// Its ends in its unit; null where the numbers decide.
     pub range: Option<[f64; 2]>,
+    /// What stands at 0, 1, 2 and so on instead of numbers; empty where numbers stand.
+    #[serde(default)]
+    pub names: Vec<String>,
 }
 
 /// How an axis is divided.
@@ -96,6 +99,9 @@ pub struct Series {
     pub notes: Vec<String>,
     /// How far each value may be used; empty where nothing is said of it.
     pub trust: Vec<Level>,
+    /// What stands on each mark; empty where nothing does.
+    #[serde(default)]
+    pub texts: Vec<String>,
 }
 
 /// How numbers are drawn.
@@ -115,6 +121,16 @@ pub enum Mark {
     Bars,
     /// The surface between `low` and `high`; gaps break it.
     Band,
+    /// A cell of the size 1 around each value, in the colours of its trust, with its text.
+    Cells,
+    /// A column from 0 to each value.
+    Columns,
+    /// An open cross on each value: ×.
+    Times,
+    /// An upright cross on each value: +.
+    Plus,
+    /// A ring around each value.
+    Rings,
 }
 
 /// A colour with its dashes and shape. The four of groups are told apart without colour too.
@@ -206,7 +222,15 @@ impl Axis {
     /// A linear axis that follows its numbers.
     #[must_use]
     pub fn linear(label: impl Into<String>, unit: impl Into<String>) -> Self {
-        Self { label: label.into(), unit: unit.into(), scale: Scale::Linear, include: Vec::new(), range: None }
+        let (include, names) = (Vec::new(), Vec::new());
+        Self { label: label.into(), unit: unit.into(), scale: Scale::Linear, include, range: None, names }
+    }
+
+    /// An axis with a name at 0, 1, 2 and so on.
+    #[must_use]
+    pub fn named(label: impl Into<String>, names: Vec<String>) -> Self {
+        let last = names.len() as f64 - 0.5;
+        Self { range: Some([-0.5, last.max(0.5)]), names, ..Self::linear(label, "") }
     }
 
     /// A logarithmic axis that follows its numbers.
@@ -261,7 +285,8 @@ impl Panel {
 impl Series {
     fn bare(name: impl Into<String>, mark: Mark, ink: Ink, weight: Weight, x: Vec<f64>) -> Self {
         let (y, low, high, notes, trust) = (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Self { name: name.into(), labelled: false, mark, ink, weight, x, y, low, high, notes, trust }
+        let texts = Vec::new();
+        Self { name: name.into(), labelled: false, mark, ink, weight, x, y, low, high, notes, trust, texts }
     }
 
     /// Values, one at each place.
@@ -309,6 +334,13 @@ impl Series {
         self
     }
 
+    /// The same with what stands on each mark.
+    #[must_use]
+    pub fn with_texts(mut self, texts: Vec<String>) -> Self {
+        self.texts = texts;
+        self
+    }
+
     /// Whether nothing is drawn at all.
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -334,6 +366,7 @@ impl Series {
             high: pick(&self.high, places),
             notes: pick(&self.notes, places),
             trust: pick(&self.trust, places),
+            texts: pick(&self.texts, places),
             ..*self
         }
     }

@@ -109,7 +109,10 @@ impl Figure {
     /// [`ViewError`] where nothing of the figure is in the view.
     pub fn view(&self, view: &View) -> Result<Self, ViewError> {
         let series = || self.panels.iter().flat_map(|panel| &panel.series);
-        let is_mark = |series: &Series| matches!(series.mark, Mark::Points | Mark::Crosses | Mark::Bars);
+        let is_mark = |series: &Series| {
+            use Mark::{Bars, Columns, Crosses, Plus, Points, Rings, Times};
+            matches!(series.mark, Points | Crosses | Bars | Columns | Times | Plus | Rings)
+        };
         let margin = if series().any(is_mark) { MARGIN_OF_MARKS } else { 0.0 };
         let [begin, end] = self.x.over(series().flat_map(Series::numbers).map(|(x, _)| x), margin);
         let (from, to) = (view.from.unwrap_or(begin), view.to.unwrap_or(end));

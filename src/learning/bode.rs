@@ -136,6 +136,9 @@ pub struct ResponseTrial {
     pub analysis: String,
     /// ‖Gff G − 1‖.
     pub norm_feedforward_plant_minus_one: Option<f64>,
+    /// Why the stimuli do not tell its feedback from its feedforward; null where they do.
+    #[serde(default)]
+    pub feedback_not_told: Option<String>,
 }
 
 /// The mean and deviation of a study's identified controllers.
@@ -245,6 +248,7 @@ fn group_responses(
             number: c.trial.number,
             analysis: c.found.analysis.clone(),
             norm_feedforward_plant_minus_one: distance(c),
+            feedback_not_told: c.found.evidence.feedback_not_told.clone(),
         })
         .collect();
     let plant = chosen.first().map(|c| &c.controllers.plant);

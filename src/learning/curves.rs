@@ -3,6 +3,8 @@
 use super::disagreement::estimators_disagree;
 use super::inputs::{Estimator, NormIntervals, PlantName, Remark, SpecChoice, SubjectInput, TrialInput, choose_spec};
 use super::trend::{Trend, trend};
+use super::trusted::{trust_of_point, values_not_to_be_used};
+use crate::trust::{Level, Trust};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -88,6 +90,9 @@ pub struct CurvePoint {
     pub cost: Option<f64>,
     /// Why norms are null, where they are.
     pub missing: Option<String>,
+    /// How far each of the quantities may be used, and why no further.
+    #[serde(default)]
+    pub trust: Vec<Trust>,
 }
 
 /// A trial, named.
@@ -275,7 +280,7 @@ pub(super) fn point(
         || NormIntervals { reason: Some("the trial is not identified".to_owned()), ..NormIntervals::default() },
         |found| found.intervals.clone(),
     );
-    CurvePoint {
+    let mut point = CurvePoint {
         trial: trial.trial.clone(),
         number: trial.number,
         session: trial.session,
@@ -294,10 +299,52 @@ pub(super) fn point(
         intervals_95,
         cost: found.and_then(|i| i.cost),
         missing,
+        trust: Vec::new(),
+    };
+    point.trust = trust_of_point(&point, found.map(|found| &found.evidence));
+    point
+}
+
+impl Metric {
+    /// All of them.
+    pub const ALL: [Self; 7] = [
+        Self::MeanAbsError,
+        Self::RmsError,
+        Self::NormFeedforwardPlantMinusOne,
+        Self::NormFeedforwardMinusInverse,
+        Self::NormFeedback,
+        Self::VarianceAccountedFor,
+        Self::ControlLogDimensionlessJerk,
+    ];
+
+    /// Its name in documents.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::MeanAbsError => "mean_abs_error",
+            Self::RmsError => "rms_error",
+            Self::NormFeedback => "norm_feedback",
+            Self::NormFeedforwardMinusInverse => "norm_feedforward_minus_inverse",
+            Self::NormFeedforwardPlantMinusOne => "norm_feedforward_plant_minus_one",
+            Self::VarianceAccountedFor => "variance_accounted_for",
+            Self::ControlLogDimensionlessJerk => "control_log_dimensionless_jerk",
+        }
     }
 }
 
 impl CurvePoint {
+    /// How far a quantity may be used.
+    #[must_use]
+    pub fn level(&self, metric: Metric) -> Level {
+        self.trust(metric).map_or(Level::NotIdentified, |trust| trust.level)
+    }
+
+    /// How far a quantity may be used, and why no further.
+    #[must_use]
+    pub fn trust(&self, metric: Metric) -> Option<&Trust> {
+        self.trust.iter().find(|trust| trust.quantity == metric.name())
+    }
+
     /// The value of a quantity, where the trial has it.
     #[must_use]
     pub fn value(&self, metric: Metric) -> Option<f64> {
@@ -333,6 +380,7 @@ impl PlantCurve {
                 ),
             ));
         }
+        remarks.extend(values_not_to_be_used(name, self.points.iter()));
         remarks
     }
 }

@@ -3,7 +3,9 @@
 use super::correlation::{Correlation, correlation};
 use super::curves::{CurveOptions, CurvePoint, Metric, PlantCurve, plant_curve, spec_of, trials_by_plant};
 use super::inputs::{PlantName, Remark, SpecChoice, SubjectInput, TrialInput};
+use super::trusted::values_not_to_be_used;
 use crate::num::stats::{mean, standard_deviation};
+use crate::trust::{Level, MeanTrust, of_mean};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -19,6 +21,9 @@ pub struct Statistics {
     pub sd: Option<f64>,
     /// The same without the largest and smallest values; null where no value would remain or nothing is dropped.
     pub trimmed: Option<TrimmedStatistics>,
+    /// How far the mean may be used, and how many of its values are not to be used.
+    #[serde(default)]
+    pub trust: MeanTrust,
 }
 
 /// Mean and spread without the extremes (Zhang 2015, section 5.8).
@@ -131,6 +136,13 @@ pub struct ScatterPoint {
     pub norm_feedforward_minus_inverse: Option<f64>,
     /// ‖Gff G − 1‖.
     pub norm_feedforward_plant_minus_one: Option<f64>,
+    /// How far ‖Gff G − 1‖ may be used.
+    #[serde(default = "not_identified")]
+    pub trust: Level,
+}
+
+fn not_identified() -> Level {
+    Level::NotIdentified
 }
 
 /// A subject of a group with its curve.
@@ -314,7 +326,8 @@ fn right_control(points: &[&CurvePoint]) -> Count {
 fn metric_statistics(points: &[&CurvePoint], trim: usize) -> MetricStatistics {
     let of = |metric: Metric| {
         let values: Vec<f64> = points.iter().filter_map(|p| p.value(metric)).collect();
-        statistics(&values, trim)
+        let levels: Vec<_> = points.iter().filter(|p| p.value(metric).is_some()).map(|p| p.level(metric)).collect();
+        Statistics { trust: of_mean(&levels), ..statistics(&values, trim) }
     };
     MetricStatistics {
         mean_abs_error: of(Metric::MeanAbsError),
@@ -331,7 +344,8 @@ fn metric_statistics(points: &[&CurvePoint], trim: usize) -> MetricStatistics {
     }
 }
 
-/// Mean and standard deviation, whole and without the `trim` largest and `trim` smallest values.
+/// Mean and standard deviation, whole and without the `trim` largest and `trim` smallest values; nothing is known here
+/// of how far the values may be used.
 #[must_use]
 pub fn statistics(values: &[f64], trim: usize) -> Statistics {
     let mut sorted = values.to_vec();
@@ -345,7 +359,8 @@ pub fn statistics(values: &[f64], trim: usize) -> Statistics {
             sd: standard_deviation(kept),
         })
     });
-    Statistics { n: values.len(), mean: mean(values), sd: standard_deviation(values), trimmed }
+    let trust = MeanTrust::default();
+    Statistics { n: values.len(), mean: mean(values), sd: standard_deviation(values), trimmed, trust }
 }
 
 fn scatter(subjects: &[GroupSubject]) -> Scatter {
@@ -360,6 +375,7 @@ fn scatter(subjects: &[GroupSubject]) -> Scatter {
             mean_abs_error: p.mean_abs_error,
             norm_feedforward_minus_inverse: p.norm_feedforward_minus_inverse,
             norm_feedforward_plant_minus_one: p.norm_feedforward_plant_minus_one,
+            trust: p.level(Metric::NormFeedforwardPlantMinusOne),
         })
         .collect();
     let against = |distance: fn(&ScatterPoint) -> Option<f64>| {
@@ -398,6 +414,8 @@ impl GroupCurve {
                 format!("{who}: the subjects' last trials have different numbers"),
             ));
         }
+        let points = self.subjects.iter().flat_map(|s| &s.curve.points);
+        remarks.extend(values_not_to_be_used(&who, points));
         remarks
     }
 }

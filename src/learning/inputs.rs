@@ -3,6 +3,7 @@
 use super::frequency_domain::ControllerMetrics;
 use super::time_domain::TimeDomainMetrics;
 use crate::control::System;
+use crate::trust::Evidence;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -102,6 +103,8 @@ pub struct Identification {
     pub variance_accounted_for: Option<f64>,
     /// The cost J at the argmin.
     pub cost: Option<f64>,
+    /// What its report says of the trust in it.
+    pub evidence: Evidence,
 }
 
 /// Plant and controllers of an identification, in one time base.

@@ -10,6 +10,7 @@ use super::groups::{Cell, cells};
 use super::inputs::{PlantName, Remark, SpecChoice, SubjectInput, TrialInput};
 use crate::num::stats::mean;
 use crate::trial::Trial;
+use crate::trust::{Level, MeanTrust, of_mean};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -62,6 +63,9 @@ pub struct RankedSubject {
     pub value: f64,
     /// How many trials it is of.
     pub trials: usize,
+    /// How far it may be used, and how many of its trials' values are not to be used.
+    #[serde(default)]
+    pub trust: MeanTrust,
 }
 
 /// Signals of a recorded trial.
@@ -153,17 +157,22 @@ fn group_median(cell: &Cell, choice: &MedianChoice, options: &CurveOptions, rema
     let mut ranking: Vec<(RankedSubject, usize)> = Vec::new();
     let mut without = Vec::new();
     for (place, (subject, trials)) in cell.subjects.iter().enumerate() {
-        let mut values =
-            shown(trials).into_iter().filter_map(|i| point_of(trials, i).value(choice.metric)).collect::<Vec<_>>();
+        let mut values: Vec<(f64, Level)> = shown(trials)
+            .into_iter()
+            .map(|i| point_of(trials, i))
+            .filter_map(|point| Some((point.value(choice.metric)?, point.level(choice.metric))))
+            .collect();
         match choice.over {
             ValueOver::All => {}
             ValueOver::First => values.truncate(1),
             ValueOver::Last => values = values.split_off(values.len().saturating_sub(1)),
         }
+        let (values, levels): (Vec<f64>, Vec<Level>) = values.into_iter().unzip();
         match mean(&values) {
             Some(value) => {
                 let (id, code) = (subject.subject.clone(), subject.code.clone());
-                ranking.push((RankedSubject { subject: id, code, value, trials: values.len() }, place));
+                let trust = of_mean(&levels);
+                ranking.push((RankedSubject { subject: id, code, value, trials: values.len(), trust }, place));
             }
             None => without.push(subject.code.as_str()),
         }
@@ -188,6 +197,13 @@ fn group_median(cell: &Cell, choice: &MedianChoice, options: &CurveOptions, rema
             other.value
         );
         remarks.push(Remark::new("no_single_median", message));
+    }
+    let [bad, all] = ranking
+        .iter()
+        .fold([0, 0], |[bad, all], (subject, _)| [bad + subject.trust.do_not_use, all + subject.trust.of]);
+    if bad > 0 {
+        let message = format!("{who}: {bad} of the {all} values that the order is made of are not to be used");
+        remarks.push(Remark::new("values_not_to_be_used", message));
     }
     let mut trials = Vec::new();
     if let Some((median, place)) = ranking.get(middle) {

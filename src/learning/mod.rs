@@ -18,6 +18,8 @@ pub mod recording;
 mod smoothness;
 pub mod time_domain;
 pub mod trend;
+pub mod trust_grid;
+mod trusted;
 
 pub use bode::{StudyFrequencyResponses, TrialSelection, study_frequency_responses};
 pub use comparison::report::StudyComparison;
@@ -28,3 +30,4 @@ pub use inputs::{
     Estimator, Identification, IdentifiedControllers, NormIntervals, PlantName, Remark, SpecChoice, StandardErrors,
     SubjectInput, TrialInput, choose_spec,
 };
+pub use trusted::{StatementTrust, TrustedQuantity, trust_of_identification};

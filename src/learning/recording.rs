@@ -18,6 +18,9 @@ use nalgebra::{DMatrix, DVector};
 /// Of less than this the output does not follow from the control through the plant.
 const EXPLAINED: f64 = 0.8;
 
+/// Of less than this more is left over than the noise of a sensor should leave.
+const MOSTLY_EXPLAINED: f64 = 0.95;
+
 /// Two columns stand in each other's place if they explain this much, and leave less than this share of what is left as
 /// they are named.
 const EXCHANGED: f64 = 0.95;
@@ -150,10 +153,17 @@ fn mismatch(trial: &Trial, plant: &Model) -> Option<Doubt> {
         );
         return Some(doubt("channels_exchanged", message));
     }
-    if own >= EXPLAINED {
-        return None;
-    }
     let with = if disturbance.is_some() { "u and d" } else { "u" };
+    if own >= EXPLAINED {
+        let message = || {
+            format!(
+                "{with} through the plant explain {:.1} % of y, from the best initial state: more is left over than \
+                 noise should leave",
+                100.0 * own
+            )
+        };
+        return (own < MOSTLY_EXPLAINED).then(|| doubt("output_loosely_from_control", message()));
+    }
     Some(doubt(
         "output_not_from_control",
         format!(

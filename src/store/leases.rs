@@ -37,7 +37,8 @@ const LEAVE_RUNNING: &str = "UPDATE analyses SET
 /// What a worker hands in.
 enum Outcome<'a> {
     Nothing,
-    Report(&'a str),
+    /// Its text, and what that says.
+    Report(&'a str, &'a Report),
     Problem(&'a Problem),
 }
 
@@ -76,7 +77,7 @@ async fn leave_running(
     let id: AnalysisId = parsed(row, "id")?;
     let died = worker_died(row, id)?;
     let (report, problem) = match outcome {
-        Outcome::Report(report) => (Some(report), None),
+        Outcome::Report(text, _) => (Some(text), None),
         Outcome::Problem(problem) => (None, Some(problem)),
         // Only a worker's death fails an analysis without anybody handing in a problem.
         Outcome::Nothing => (None, (after.status == Status::Failed).then_some(&died)),
@@ -250,8 +251,8 @@ impl Store {
     /// # Errors
     /// The database's own.
     pub async fn succeed(&self, lease: &Lease, report: &Report) -> StoreResult<bool> {
-        let report = to_json(report)?;
-        self.finish(lease, Event::Succeed, Outcome::Report(&report)).await
+        let text = to_json(report)?;
+        self.finish(lease, Event::Succeed, Outcome::Report(&text, report)).await
     }
 
     /// Finishes with a problem; false when the lease was lost.
@@ -287,7 +288,11 @@ impl Store {
         let mut tx = self.begin().await?;
         let Some(row) = held(&mut tx, lease).await? else { return Ok(false) };
         let now = self.now_us();
+        let report = if let Outcome::Report(_, report) = outcome { Some(report) } else { None };
         let left = leave_running(&mut tx, &row, event, outcome, now).await?.is_some();
+        if let Some(report) = report.filter(|_| left) {
+            super::trust::write(&mut tx, lease.analysis, report).await?;
+        }
         tx.commit().await?;
         Ok(left)
     }

@@ -12,11 +12,12 @@ use std::time::Duration;
 use tokio::sync::Notify;
 
 /// The migrations, by version. The macro of sqlx that reads the folder would compile SQLite a second time.
-const MIGRATIONS: [(i64, &str, &str); 4] = [
+const MIGRATIONS: [(i64, &str, &str); 5] = [
     (1, "studies trials analyses", include_str!("../../migrations/0001_studies_trials_analyses.sql")),
     (2, "brackets", include_str!("../../migrations/0002_brackets.sql")),
     (3, "trial warnings", include_str!("../../migrations/0003_trial_warnings.sql")),
     (4, "phases", include_str!("../../migrations/0004_phases.sql")),
+    (5, "trust", include_str!("../../migrations/0005_trust.sql")),
 ];
 
 fn migrator() -> Migrator {
@@ -115,6 +116,7 @@ impl Store {
             _temporary: temporary,
         };
         let store = Self { inner: Arc::new(inner) };
+        store.judge_unjudged().await?;
         store.scrub_if_due().await;
         Ok(store)
     }

@@ -4,7 +4,7 @@ use super::error::{StoreError, StoreResult, breaks_unique};
 use super::nouns::{Change, Make, Noun, each, must_exist, select};
 use super::open::Store;
 use super::records::{Created, IdempotencyKey, NewPlant, Page, Plant, PlantPatch};
-use super::rows::{get, json_verified, parsed, sha256, time, to_json};
+use super::rows::{get, json, json_verified, parsed, sha256, time, to_json};
 use crate::analysis::ids::{PlantId, StudyId};
 use sqlx::SqliteConnection;
 use sqlx::sqlite::SqliteRow;
@@ -22,6 +22,7 @@ impl Noun for Plant {
             study: parsed(row, "study_id")?,
             name: get(row, "name")?,
             model: json_verified(row, "model", "model_sha256")?,
+            units: json(row, "units")?,
             version: get(row, "version")?,
             created_at: time(row, "created_at")?,
             updated_at: time(row, "updated_at")?,
@@ -68,8 +69,8 @@ impl Make for Plant {
     async fn insert(connection: &mut SqliteConnection, (study, new): &Self::New, now: i64) -> StoreResult<Self> {
         let model = to_json(&new.model)?;
         let row = sqlx::query(
-            "INSERT INTO plants (id, study_id, name, model, model_sha256, created_at, updated_at)
-             VALUES ($1, $2, $3, $4, $5, $6, $6) RETURNING *",
+            "INSERT INTO plants (id, study_id, name, model, model_sha256, created_at, updated_at, units)
+             VALUES ($1, $2, $3, $4, $5, $6, $6, $7) RETURNING *",
         )
         .bind(Uuid::now_v7().to_string())
         .bind(study.to_string())
@@ -77,6 +78,7 @@ impl Make for Plant {
         .bind(&model)
         .bind(sha256(&model))
         .bind(now)
+        .bind(to_json(&new.units)?)
         .fetch_one(connection)
         .await
         .map_err(|error| name_taken(error, &new.name))?;
@@ -94,12 +96,13 @@ impl Change for Plant {
         now: i64,
     ) -> StoreResult<Self> {
         let row = sqlx::query(
-            "UPDATE plants SET name = COALESCE($2, name), version = version + 1, updated_at = $3
+            "UPDATE plants SET name = COALESCE($2, name), units = $4, version = version + 1, updated_at = $3
              WHERE id = $1 RETURNING *",
         )
         .bind(before.id.to_string())
         .bind(&patch.name)
         .bind(now)
+        .bind(to_json(&before.units.changed(&patch.units))?)
         .fetch_one(connection)
         .await
         .map_err(|error| name_taken(error, patch.name.as_deref().unwrap_or_default()))?;

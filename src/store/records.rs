@@ -1,5 +1,6 @@
 //! What the store takes and gives, in the words of the domain.
 
+use super::units::{SignalUnits, UnitsChange};
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Incumbent, Kind, Problem, Report, Request, Warning};
 use crate::control::Model;
@@ -95,6 +96,8 @@ pub struct NewPlant {
     pub name: String,
     /// Its model.
     pub model: Model,
+    /// The units of its signals.
+    pub units: SignalUnits,
 }
 
 /// A plant. Its model never changes: results were computed with it.
@@ -108,6 +111,8 @@ pub struct Plant {
     pub name: String,
     /// Its model.
     pub model: Model,
+    /// The units of its signals.
+    pub units: SignalUnits,
     /// Counts changes, from 1; the ETag.
     pub version: i64,
     /// When it was made.
@@ -121,6 +126,8 @@ pub struct Plant {
 pub struct PlantPatch {
     /// A new name.
     pub name: Option<String>,
+    /// New units.
+    pub units: UnitsChange,
 }
 
 /// A subject as asked for.
@@ -216,6 +223,8 @@ pub struct TrialRecord {
     pub divergent: bool,
     /// Time-domain metrics, a JSON object.
     pub metrics: serde_json::Value,
+    /// The units of its signals, where they are not those of its plant.
+    pub units: SignalUnits,
     /// What must be read before the trial is used, found at its upload.
     pub warnings: Vec<Warning>,
     /// Counts changes, from 1; the ETag.
@@ -233,6 +242,8 @@ pub struct TrialPatch {
     pub number: Option<i64>,
     /// A new session, or none.
     pub session: Option<Option<i64>>,
+    /// New units.
+    pub units: UnitsChange,
 }
 
 /// Which trials of a study.

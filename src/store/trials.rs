@@ -40,6 +40,7 @@ impl Noun for TrialRecord {
             divergent: display_limit.is_some_and(|limit| max_abs_output > limit),
             metrics: json(row, "metrics")?,
             warnings: json(row, "warnings")?,
+            units: json(row, "units")?,
             version: get(row, "version")?,
             created_at: time(row, "created_at")?,
             updated_at: time(row, "updated_at")?,
@@ -163,12 +164,14 @@ impl Change for TrialRecord {
         let number = patch.number.unwrap_or(before.number);
         let session = patch.session.unwrap_or(before.session);
         sqlx::query(
-            "UPDATE trials SET number = $2, session = $3, version = version + 1, updated_at = $4 WHERE id = $1",
+            "UPDATE trials SET number = $2, session = $3, units = $5, version = version + 1, updated_at = $4
+             WHERE id = $1",
         )
         .bind(before.id.to_string())
         .bind(number)
         .bind(session)
         .bind(now)
+        .bind(to_json(&before.units.changed(&patch.units))?)
         .execute(&mut *connection)
         .await
         .map_err(|error| number_taken(error, number, session))?;

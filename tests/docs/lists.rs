@@ -160,3 +160,38 @@ fn every_room_is_in_the_walk() {
         }
     }
 }
+
+/// The table of `docs/trust.md` is the rule itself, and its numbers are those that it judges by.
+#[test]
+fn the_rule_of_trust_is_listed() {
+    let text = page("docs/trust.md");
+    let rule = volition::trust::rule();
+    let listed: Vec<&str> = text.lines().filter(|line| line.starts_with("| ") && line.contains(" | `")).collect();
+    let rows: Vec<&str> = listed.iter().copied().filter(|line| line.as_bytes()[2].is_ascii_digit()).collect();
+    let expected: Vec<String> = rule
+        .rows
+        .iter()
+        .map(|row| {
+            let advice = if row.advice.is_empty() { "–" } else { &row.advice };
+            let field = if row.field.is_empty() { "–" } else { &row.field };
+            format!(
+                "| {} | `{}` | {field} | {} | {} | {} {} | {advice} |",
+                row.number,
+                row.code,
+                row.condition,
+                row.quantities,
+                row.level.sign(),
+                row.level.words()
+            )
+        })
+        .collect();
+    for (found, expected) in rows.iter().zip(&expected) {
+        assert_eq!(found, expected);
+    }
+    assert_eq!(rows.len(), expected.len());
+    let constants = serde_json::to_value(rule.constants).unwrap();
+    for (name, value) in constants.as_object().unwrap() {
+        let row = format!("| `{name}` | {:.4} |", value.as_f64().unwrap());
+        assert!(text.contains(&row), "docs/trust.md lacks {row}");
+    }
+}

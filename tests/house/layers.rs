@@ -11,6 +11,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("ctl", &[]),
     ("num", &["ctl"]),
     ("cache", &["ctl"]),
+    // The rule by which values are marked: below whoever judges, stores or draws.
+    ("trust", &[]),
     ("control", &["ctl", "num"]),
     ("convex", &["ctl", "num"]),
     ("trial", &["num"]),
@@ -25,7 +27,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("inverse", &["control", "convex", "ctl", "num"]),
     ("excite", &["control", "convex", "ctl", "num", "person", "plants", "simulate"]),
     // Metrics are made from recordings and from the responses of systems.
-    ("learning", &["control", "num", "trial"]),
+    ("learning", &["control", "num", "trial", "trust"]),
     (
         "analysis",
         &[
@@ -45,21 +47,22 @@ const ARROWS: &[(&str, &[&str])] = &[
             "response",
             "simulate",
             "trial",
+            "trust",
             "two_stimulus",
         ],
     ),
     // Files as labs have them: what was read is told in the problems and warnings of analyses.
     ("exchange", &["analysis", "num", "trial"]),
     // What is drawn of results; loops are simulated once more for the picture, and people for the tests.
-    ("figure", &["analysis", "control", "identify", "learning", "num", "plants", "simulate", "trial"]),
+    ("figure", &["analysis", "control", "identify", "learning", "num", "plants", "simulate", "trial", "trust"]),
     ("jobs", &["analysis", "ctl"]),
-    ("store", &["analysis", "control", "ctl", "jobs", "num", "trial"]),
+    ("store", &["analysis", "control", "ctl", "jobs", "num", "trial", "trust"]),
     ("worker", &["analysis", "cache", "control", "ctl", "identify", "jobs", "num", "store"]),
     (
         "api",
         &[
             "analysis", "cache", "control", "ctl", "exchange", "excite", "figure", "jobs", "learning", "num", "store",
-            "trial",
+            "trial", "trust",
         ],
     ),
     ("app", &["*"]),

@@ -35,6 +35,7 @@ fn identification(analysis: &str, spec: &str, gain: f64, feedback: f64) -> Ident
         intervals: NormIntervals::default(),
         variance_accounted_for: Some(0.9),
         cost: Some(0.1),
+        evidence: Evidence::default(),
     }
 }
 

@@ -22,3 +22,4 @@ mod metrics;
 mod readers;
 mod round_trips;
 mod time_columns;
+mod trust;

@@ -1,6 +1,7 @@
 //! Figures of stored things, drawn on the server.
 
 pub(super) mod of_analysis;
+pub(super) mod of_queue;
 pub(super) mod of_study;
 pub(super) mod of_trial;
 mod query;

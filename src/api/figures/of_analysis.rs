@@ -3,9 +3,10 @@
 use super::of_trial::Shown;
 use super::{FigureList, FigureName, FigureQuery, Offered, answer};
 use crate::analysis::ids::{AnalysisId, TrialId};
+use crate::analysis::input_design as input_design_kind;
 use crate::analysis::{
-    Analysis as _, Code, Kind, Plan, Problem, References, Report, Request, frequency_response, prediction_error, ssid,
-    two_stimulus,
+    Analysis as _, Code, Kind, Plan, Problem, References, Report, Request, compensator_design, excitation_quality,
+    frequency_response, gain_fit, inverse_lqg, inverse_lqr, prediction_error, ssid, two_stimulus,
 };
 use crate::api::analyses::{AnalysisPath, AnalysisView, report_text};
 use crate::api::etag::{self, IfNoneMatch};
@@ -16,7 +17,14 @@ use crate::api::state::AppState;
 use crate::control::Model;
 use crate::figure::Figure;
 use crate::figure::of::bode::{self, Origin, Unreadable, bode};
+use crate::figure::of::compensator::{self, compensator};
+use crate::figure::of::cost::{self, cost};
+use crate::figure::of::excitation::{self, excitation};
+use crate::figure::of::input_design::{self, input_design};
+use crate::figure::of::near_optimal::{self, near_optimal};
+use crate::figure::of::poles::{self, poles};
 use crate::figure::of::response::{self, response};
+use crate::figure::of::return_difference::{self, return_difference};
 use crate::figure::of::simulated::{self, simulated};
 use axum::extract::State;
 use axum::http::HeaderMap;
@@ -27,16 +35,44 @@ const BODE: Offered = Offered { name: bode::NAME, title: "Gff, Gfb and Gff·G wi
 const RESPONSE: Offered = Offered { name: response::NAME, title: "The closed loop's frequency response" };
 const SIMULATED: Offered = Offered { name: simulated::NAME, title: "The recording against the identified loop" };
 
+const POLES: Offered = Offered { name: poles::NAME, title: "Poles of plant, controllers and closed loop" };
+const NEAR: Offered = Offered { name: near_optimal::NAME, title: "Candidates that fit nearly as well" };
+const COST: Offered = Offered { name: cost::NAME, title: "What the cost weighs" };
+const RETURN: Offered = Offered { name: return_difference::NAME, title: "Kalman's inequality over frequency" };
+const EXCITATION: [Offered; 4] = [
+    Offered { name: excitation::SIGNAL, title: "The signal over time" },
+    Offered { name: excitation::SPECTRUM, title: "The power at its lines" },
+    Offered { name: excitation::AUTOCORRELATION, title: "Its autocorrelation" },
+    Offered { name: excitation::FLATNESS, title: "Its flatness over the band" },
+];
+const COMPENSATOR: Offered = Offered { name: compensator::NAME, title: "The flatness gain over the gain" };
+const DESIGN: [Offered; 2] = [
+    Offered { name: input_design::INPUT, title: "The input before and after" },
+    Offered { name: input_design::DEVIATIONS, title: "Standard deviations after over before" },
+];
+
 /// What a report of a kind can be drawn as.
 fn offered(kind: Kind, has_trial: bool) -> Vec<Offered> {
     if kind == ssid::Plan::KIND {
-        let mut all = vec![BODE, RESPONSE];
+        let mut all = vec![BODE, RESPONSE, POLES, NEAR];
         all.extend(has_trial.then_some(SIMULATED));
         all
     } else if kind == two_stimulus::Plan::KIND || kind == prediction_error::Plan::KIND {
         vec![BODE]
     } else if kind == frequency_response::Plan::KIND {
         vec![RESPONSE]
+    } else if kind == inverse_lqr::Plan::KIND {
+        vec![COST, RETURN]
+    } else if kind == inverse_lqg::Plan::KIND {
+        vec![COST]
+    } else if kind == gain_fit::Plan::KIND {
+        vec![RETURN]
+    } else if kind == excitation_quality::Plan::KIND {
+        EXCITATION.to_vec()
+    } else if kind == compensator_design::Plan::KIND {
+        vec![COMPENSATOR]
+    } else if kind == input_design_kind::Plan::KIND {
+        DESIGN.to_vec()
     } else {
         Vec::new()
     }
@@ -111,8 +147,11 @@ pub(crate) async fn list(analysis: Named<AnalysisView>) -> ApiResult<Response> {
     etag::conditional(&analysis.headers, &FigureList::new(&format!("/v1/analyses/{}", analysis.id), &all))
 }
 
-/// Draws a figure of a report: the controllers (`bode`), the closed loop's response (`response`), or the recording
-/// against the identified loop (`simulated`), whichever its kind has.
+/// Draws a figure of a report, one of those that its kind has: the controllers (`bode`), the closed loop's response
+/// (`response`), poles (`poles`), candidates that fit nearly as well (`near_optimal`), the recording against the
+/// identified loop (`simulated`), what a cost weighs (`cost`), Kalman's inequality (`return_difference`), an excitation
+/// (`signal`, `spectrum`, `autocorrelation`, `flatness`), a compensator's flatness gain (`compensator`), or a design
+/// (`input`, `deviations`).
 #[utoipa::path(get, path = "/v1/analyses/{analysis}/figures/{name}", tag = "figures",
     operation_id = "draw_analysis_figure", params(AnalysisFigurePath, FigureQuery, IfNoneMatch),
     responses(
@@ -131,6 +170,7 @@ pub(crate) async fn read(
     headers: HeaderMap,
 ) -> ApiResult<Response> {
     let record = state.store.analysis(id).await?;
+    let inputs = record.request.inputs.clone();
     let about = About::read(&state, record.request).await?;
     let name = name.among(&offered(record.kind, about.first.is_some()))?;
     let text = report_text(&state, id).await?;
@@ -146,6 +186,13 @@ pub(crate) async fn read(
                 simulated(&report, trial, &first.origin(), about.plant.as_ref())
             }
             (response::NAME, ..) => response(&report, &about.subject),
+            (poles::NAME, ..) => poles(&report, &about.subject),
+            (near_optimal::NAME, ..) => near_optimal(&report, &about.subject),
+            (cost::NAME, ..) => cost(&report, &inputs, &about.subject),
+            (return_difference::NAME, ..) => return_difference(&report, &inputs, &about.subject),
+            (compensator::NAME, ..) => compensator(&report, &about.subject),
+            (own, ..) if DESIGN.iter().any(|one| one.name == own) => input_design(&report, own, &about.subject),
+            (own, ..) if EXCITATION.iter().any(|one| one.name == own) => excitation(&report, own, &about.subject),
             _ => {
                 let sample_time_s = about.first.as_ref().map(|first| first.record.sample_time_s);
                 let (subject, trials, plant) = (&*about.subject, &*about.trials, about.plant.as_ref());

@@ -12,17 +12,19 @@ use crate::api::trials::{TrialPath, TrialView};
 use crate::figure::Figure;
 use crate::figure::of::plant_check::{self, plant_check};
 use crate::figure::of::signals::{self, signals};
+use crate::figure::of::spectra::{self, spectra};
 use crate::figure::of::{TrialOrigin, Units};
-use crate::store::{Plant, Study, Subject, TrialRecord};
+use crate::store::{Plant, SignalUnits, Study, Subject, TrialRecord};
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use utoipa::IntoParams;
 
 /// What every trial has.
-const OFFERED: [Offered; 2] = [
+const OFFERED: [Offered; 3] = [
     Offered { name: signals::NAME, title: "The signals r, y, u and e" },
     Offered { name: plant_check::NAME, title: "Whether y follows from the control through the plant" },
+    Offered { name: spectra::NAME, title: "The power of r, y, u and e over frequency" },
 ];
 
 /// Names a figure of a trial in the path.
@@ -61,8 +63,17 @@ impl Shown {
             plant: self.plant.name.clone(),
             sha256: self.record.sha256.clone(),
             display_limit: self.study.display_limit,
-            units: Units::default(),
+            units: units(&self.record.units.or(&self.plant.units)),
         }
+    }
+}
+
+/// Units as figures write them: what nobody gave is said to be unknown.
+pub(super) fn units(own: &SignalUnits) -> Units {
+    let unknown = Units::default();
+    Units {
+        output: own.output.clone().unwrap_or(unknown.output),
+        control: own.control.clone().unwrap_or(unknown.control),
     }
 }
 
@@ -75,8 +86,8 @@ pub(crate) async fn list(trial: Named<TrialView>) -> ApiResult<Response> {
     etag::conditional(&trial.headers, &FigureList::new(&format!("/v1/trials/{}", trial.id), &OFFERED))
 }
 
-/// Draws a figure of a trial: its signals (`signals`), or the output against what the plant makes of the control
-/// (`plant_check`).
+/// Draws a figure of a trial: its signals (`signals`), the output against what the plant makes of the control
+/// (`plant_check`), or powers over frequency (`spectra`).
 ///
 /// Of samples closer than four a pixel, every pixel column shows the first, the least, the greatest and the last; CSV
 /// and JSON have the numbers that are drawn. All samples are at `/v1/trials/{trial}/signals`.
@@ -107,6 +118,9 @@ pub(crate) async fn read(
         let origin = shown.origin();
         if name == signals::NAME {
             return Ok(signals(&trial, &origin));
+        }
+        if name == spectra::NAME {
+            return Ok(spectra(&trial, &origin));
         }
         plant_check(&trial, &shown.plant.model, &origin).ok_or_else(|| {
             Problem::new(

@@ -10,7 +10,7 @@ use crate::num::hexadecimal::hexadecimal;
 use crate::plants::Plant;
 use crate::simulate::SimulatedStudy;
 use crate::simulate::study::Member;
-use crate::store::{NewPlant, NewStudy, NewSubject, NewTrial, Store};
+use crate::store::{NewPlant, NewStudy, NewSubject, NewTrial, SignalUnits, Store};
 use indicatif::ProgressBar;
 use serde_json::json;
 use std::sync::Arc;
@@ -47,7 +47,7 @@ pub async fn store_study(
     let mut trials = Vec::new();
     for group in &simulated.groups {
         let model = System::Continuous(group.plant.transfer_function()).to_model();
-        let new = NewPlant { name: group.plant.name().to_owned(), model: model.clone() };
+        let new = NewPlant { name: group.plant.name().to_owned(), model: model.clone(), units: SignalUnits::default() };
         let plant = store.create_plant(study, new, None).await?.into_inner().id;
         for member in &group.members {
             // Who the subject is: the truth that an identification can be held against.

@@ -12,7 +12,8 @@ use crate::learning::time_domain::{TimeDomainMetrics, metrics};
 use crate::num::hexadecimal::hexadecimal;
 use crate::plants::catalogue;
 use crate::store::{
-    Created, NewPlant, NewStudy, NewSubject, NewTrial, Page, Plant, Store, StoreError, Study, Subject, SubjectPatch,
+    Created, NewPlant, NewStudy, NewSubject, NewTrial, Page, Plant, SignalUnits, Store, StoreError, Study, Subject,
+    SubjectPatch,
 };
 use anyhow::{Context as _, bail};
 use indicatif::ProgressBar;
@@ -267,7 +268,7 @@ impl<'a> Loader<'a> {
             }
             return Ok(plant.id);
         }
-        let new = NewPlant { name: name.to_owned(), model };
+        let new = NewPlant { name: name.to_owned(), model, units: SignalUnits::default() };
         let plant = self.store.create_plant(self.study.id, new, None).await?.into_inner();
         let id = plant.id;
         self.plants.insert(name.to_owned(), plant);

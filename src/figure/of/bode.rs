@@ -2,10 +2,11 @@
 
 use super::provenance::ReportOrigin;
 use crate::analysis::Report;
+use crate::analysis::estimates::evidence;
 use crate::control::bode::log_grid;
 use crate::figure::text::three;
-use crate::figure::trust::Evidence;
 use crate::figure::{Axis, Figure, Ink, Mark, Panel, RuleKind, Series, Weight};
+use crate::learning::Estimator;
 use crate::num::Complex64;
 use std::f64::consts::TAU;
 
@@ -51,7 +52,7 @@ struct Response {
     /// The response that it is compared with: 1 for Gff·G.
     reference: bool,
     /// Why it is not to be used; empty where it may be.
-    doubt: &'static str,
+    doubt: String,
     estimates: Vec<Estimate>,
 }
 
@@ -138,11 +139,11 @@ impl Response {
 /// [`Unreadable`] where the kind has no controllers, or the report is of a form that this version does not know.
 pub fn bode(report: &Report, about: &Origin<'_>) -> Result<Figure, Unreadable> {
     let found = read::responses(report, about)?;
-    let is_doubtful = Evidence::of(report).feedback_poorly_determined;
     let mut responses = found.responses;
-    if is_doubtful {
+    // What the stimuli tell does not depend on the estimator.
+    if let Some(doubt) = evidence(report, Estimator::default(), 0).feedback_not_told {
         let feedback = responses.iter_mut().filter(|response| response.symbol == "Gfb");
-        feedback.for_each(|own| own.doubt = "the command alone hardly tells feedback from feedforward");
+        feedback.for_each(|own| own.doubt.clone_from(&doubt));
     }
     let panels = responses.iter().enumerate().flat_map(|(column, response)| response.panels(column)).collect();
     let doubts: Vec<String> = responses

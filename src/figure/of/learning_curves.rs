@@ -3,23 +3,15 @@
 use super::places::{Places, trial};
 use super::provenance::{Units, eight, product};
 use crate::figure::text::{listed, three};
-use crate::figure::trust::{Evidence, Level, of_mean, trust};
 use crate::figure::{Axis, Figure, Ink, Mark, Panel, RuleKind, Series, Weight};
+use crate::learning::StatementTrust;
 use crate::learning::StudyLearningCurves;
 use crate::learning::curves::{CurvePoint, Metric};
 use crate::learning::groups::{GroupCurve, MetricStatistics, Statistics};
-use std::collections::BTreeMap;
+use crate::trust::Level;
 
 /// The quantities that curves are drawn of.
-pub const METRICS: [Metric; 7] = [
-    Metric::MeanAbsError,
-    Metric::RmsError,
-    Metric::NormFeedforwardPlantMinusOne,
-    Metric::NormFeedforwardMinusInverse,
-    Metric::NormFeedback,
-    Metric::VarianceAccountedFor,
-    Metric::ControlLogDimensionlessJerk,
-];
+pub const METRICS: [Metric; 7] = Metric::ALL;
 
 /// Groups beyond so many have a panel each.
 const MOST_GROUPS: usize = 4;
@@ -30,15 +22,7 @@ const LEAST_FOR_BAND: usize = 3;
 /// The name of a quantity's figure in addresses.
 #[must_use]
 pub fn name(metric: Metric) -> &'static str {
-    match metric {
-        Metric::MeanAbsError => "mean_abs_error",
-        Metric::RmsError => "rms_error",
-        Metric::NormFeedback => "norm_feedback",
-        Metric::NormFeedforwardMinusInverse => "norm_feedforward_minus_inverse",
-        Metric::NormFeedforwardPlantMinusOne => "norm_feedforward_plant_minus_one",
-        Metric::VarianceAccountedFor => "variance_accounted_for",
-        Metric::ControlLogDimensionlessJerk => "control_log_dimensionless_jerk",
-    }
+    metric.name()
 }
 
 /// What a quantity is called in a title.
@@ -56,7 +40,7 @@ pub fn title(metric: Metric) -> &'static str {
 }
 
 /// The same within a sentence.
-fn phrase(metric: Metric) -> &'static str {
+pub(super) fn phrase(metric: Metric) -> &'static str {
     match metric {
         Metric::MeanAbsError => "the tracking error",
         Metric::RmsError => "the root mean square error",
@@ -111,10 +95,9 @@ fn interval(point: &CurvePoint, metric: Metric) -> Option<[f64; 2]> {
 }
 
 /// What is drawn, and by what.
-struct Drawer<'a> {
+struct Drawer {
     metric: Metric,
     places: Places,
-    evidence: &'a BTreeMap<String, Evidence>,
 }
 
 /// A value of a subject.
@@ -126,14 +109,9 @@ struct Value {
     note: String,
 }
 
-impl Drawer<'_> {
+impl Drawer {
     fn level(&self, point: &CurvePoint) -> Level {
-        self.judge(point).level
-    }
-
-    fn judge(&self, point: &CurvePoint) -> crate::figure::trust::Trust {
-        let evidence = point.analysis.as_ref().and_then(|analysis| self.evidence.get(analysis));
-        trust(self.metric, point, evidence)
+        point.level(self.metric)
     }
 
     /// The values of a subject, in the order of the axis.
@@ -141,19 +119,21 @@ impl Drawer<'_> {
         let mut values: Vec<Value> = points
             .iter()
             .map(|point| {
-                let judged = self.judge(point);
+                let judged = point.trust(self.metric);
+                let level = self.level(point);
                 let value = point.value(self.metric);
                 let number = value.map_or_else(|| "no value".to_owned(), three);
                 let ends = interval(point, self.metric)
                     .map_or_else(String::new, |[low, high]| format!(" [{}, {}]", three(low), three(high)));
-                let because = judged.because.first().map_or_else(String::new, |why| format!(": {why}"));
+                let because = judged.filter(|_| level != Level::Ok);
+                let because = because.map_or_else(String::new, |own| format!(": {}", own.because));
                 let trial = trial(point.session, point.number);
                 Value {
                     at: self.places.at(point.session, point.number),
                     value,
                     interval: interval(point, self.metric),
-                    level: judged.level,
-                    note: format!("{code} · {trial} · {number}{ends} · {}{because}", judged.level.words()),
+                    level,
+                    note: format!("{code} · {trial} · {number}{ends} · {}{because}", level.words()),
                 }
             })
             .collect();
@@ -195,7 +175,7 @@ impl Drawer<'_> {
             let name = format!("{name}: 95 % intervals of subjects");
             all.push(Series::intervals(name, of(Mark::Bars, Weight::Faint), x, ends));
         }
-        let levels: Vec<Level> = group.points.iter().map(|point| self.level_of_mean(group, point)).collect();
+        let levels: Vec<Level> = own.iter().map(|own| own.trust.level).collect();
         let notes: Vec<String> = group
             .points
             .iter()
@@ -222,14 +202,6 @@ impl Drawer<'_> {
         all
     }
 
-    fn level_of_mean(&self, group: &GroupCurve, at: &crate::learning::groups::GroupPoint) -> Level {
-        let points = group.subjects.iter().flat_map(|subject| &subject.curve.points);
-        let own = points.filter(|point| (point.session, point.number) == (at.session, at.number));
-        let levels: Vec<Level> =
-            own.filter(|point| point.value(self.metric).is_some()).map(|point| self.level(point)).collect();
-        of_mean(&levels)
-    }
-
     /// How many values of a group there are, and how many of them are not to be used.
     fn count(&self, group: &GroupCurve) -> [usize; 2] {
         let points = group.subjects.iter().flat_map(|subject| &subject.curve.points);
@@ -241,22 +213,23 @@ impl Drawer<'_> {
     /// What happened from first to last trials, in a sentence; no more than the values allow.
     fn sentence(&self, name: &str, group: &GroupCurve) -> String {
         let mut pairs: Vec<[f64; 2]> = Vec::new();
-        let mut bad = 0;
+        let mut judged = Vec::new();
         for first in &group.first_trials.rows {
             let last = group.last_trials.rows.iter().find(|last| last.subject == first.subject);
             let Some(last) = last.filter(|last| last.point.position != first.point.position) else { continue };
             let values = first.point.value(self.metric).zip(last.point.value(self.metric));
             let Some((from, to)) = values else { continue };
             pairs.push([from, to]);
-            bad += [first, last].iter().filter(|row| self.level(&row.point) == Level::DoNotUse).count();
+            judged.extend([first, last].into_iter().filter_map(|row| row.point.trust(self.metric)));
         }
         let what = phrase(self.metric);
         let n = pairs.len();
         if n == 0 {
             return format!("{name}: nobody has both a first and a last value of {what}.");
         }
-        if bad > 0 {
-            return format!("{name}: no statement about {what}: {bad} of the {} values are not to be used.", 2 * n);
+        let trust = StatementTrust::of(judged);
+        if let Some(refusal) = trust.refusal() {
+            return format!("{name}: no statement about {what}: {refusal}");
         }
         let mean = |end: usize| pairs.iter().map(|pair| pair[end]).sum::<f64>() / n as f64;
         let (from, to) = (mean(0), mean(1));
@@ -265,15 +238,16 @@ impl Drawer<'_> {
         let share =
             if share.is_finite() { format!("{} %, ", crate::figure::text::number(share, 2)) } else { String::new() };
         format!(
-            "{name}: from the first trial to the last {what} {verb} from {} to {} ({share}n = {n}).",
+            "{name}: from the first trial to the last {what} {verb} from {} to {} ({share}n = {n}{}).",
             three(from),
-            three(to)
+            three(to),
+            trust.reservation()
         )
     }
 }
 
 /// The names of the groups; with their plants where a group worked on several.
-fn names(curves: &StudyLearningCurves) -> Vec<String> {
+pub(super) fn names(curves: &StudyLearningCurves) -> Vec<String> {
     let of = |group: &GroupCurve| group.group.clone().unwrap_or_else(|| "without a group".to_owned());
     let is_on_several = |name: &str| curves.groups.iter().filter(|group| of(group) == name).count() > 1;
     let named = |group: &GroupCurve| {
@@ -284,16 +258,9 @@ fn names(curves: &StudyLearningCurves) -> Vec<String> {
 }
 
 /// The curve of a quantity over the trials of a study: subjects thin, means thick, what is not to be used crossed out.
-///
-/// `evidence` is what reports say about their trust, by analysis.
 #[must_use]
-pub fn learning_curve(
-    curves: &StudyLearningCurves,
-    metric: Metric,
-    evidence: &BTreeMap<String, Evidence>,
-    units: &Units,
-) -> Figure {
-    let drawer = Drawer { metric, places: Places::of(curves), evidence };
+pub fn learning_curve(curves: &StudyLearningCurves, metric: Metric, units: &Units) -> Figure {
+    let drawer = Drawer { metric, places: Places::of(curves) };
     let names = names(curves);
     let groups = names.iter().zip(&curves.groups);
     let own = |at: usize, name: &str, group| drawer.group(name, Ink::of_group(at), group);

@@ -3,11 +3,10 @@
 use super::places::trial;
 use super::provenance::{eight, product};
 use crate::figure::text::{listed, three};
-use crate::figure::trust::Evidence;
 use crate::figure::{Axis, Figure, Ink, Mark, Panel, RuleKind, Series, Weight};
-use crate::learning::StudyFrequencyResponses;
-use crate::learning::bode::{ControllerStatistics, GroupResponses, ResponseStatistics};
-use std::collections::BTreeMap;
+use crate::learning::bode::{ControllerStatistics, GroupResponses, ResponseStatistics, ResponseTrial};
+use crate::learning::{StudyFrequencyResponses, TrialSelection};
+use crate::trust::{Level, of_mean};
 use std::f64::consts::TAU;
 
 /// The name of the figure in addresses.
@@ -44,17 +43,15 @@ fn series(name: &str, ink: Ink, x: &[f64], n: &[usize], [mean, sd]: [&[Option<f6
 }
 
 /// Mean gain and phase over the subjects of each group, ± 1 SD: Gff, Gfb and Gff·G.
-///
-/// `evidence` is what reports say about their trust, by analysis.
 #[must_use]
-pub fn mean_bode(responses: &StudyFrequencyResponses, evidence: &BTreeMap<String, Evidence>) -> Figure {
+pub fn mean_bode(responses: &StudyFrequencyResponses) -> Figure {
     let x: Vec<f64> = responses.omega_rad_s.iter().map(|omega| omega / TAU).collect();
     let groups = &responses.groups;
     let trials = groups.iter().flat_map(|group| &group.trials);
-    let doubtful =
-        trials.clone().filter(|trial| evidence.get(&trial.analysis).is_some_and(|own| own.feedback_poorly_determined));
-    let [all, bad] = [trials.count(), doubtful.count()];
-    let is_doubtful = 3 * bad > all;
+    let told = |trial: &ResponseTrial| if trial.feedback_not_told.is_some() { Level::DoNotUse } else { Level::Ok };
+    let found = of_mean(&trials.map(told).collect::<Vec<_>>());
+    let [all, bad] = [found.of, found.do_not_use];
+    let is_doubtful = found.level == Level::DoNotUse;
     let mut panels = Vec::new();
     for (column, (symbol, pick, is_reference)) in RESPONSES.into_iter().enumerate() {
         let (mut gains, mut phases) = (Vec::new(), Vec::new());
@@ -75,7 +72,11 @@ pub fn mean_bode(responses: &StudyFrequencyResponses, evidence: &BTreeMap<String
     }
     Figure {
         name: NAME.to_owned(),
-        title: "Identified controllers on the last trial".to_owned(),
+        title: match responses.selection {
+            TrialSelection::First => "Identified controllers on the first trial".to_owned(),
+            TrialSelection::Last => "Identified controllers on the last trial".to_owned(),
+            TrialSelection::Number(number) => format!("Identified controllers on trial {number}"),
+        },
         description: description(groups),
         caption: caption(groups, [all, bad]),
         sampling: String::new(),
@@ -103,8 +104,7 @@ fn description(groups: &[GroupResponses]) -> String {
 fn caption(groups: &[GroupResponses], [all, bad]: [usize; 2]) -> String {
     let mut text = "Mean over subjects of gain in dB and of phase; band: ± 1 SD of three subjects or more.".to_owned();
     let named = |group: &GroupResponses| {
-        let of =
-            |own: &crate::learning::bode::ResponseTrial| format!("{} {}", own.code, trial(own.session, own.number));
+        let of = |own: &ResponseTrial| format!("{} {}", own.code, trial(own.session, own.number));
         format!("{}: {}.", name(group, groups), listed(&group.trials.iter().map(of).collect::<Vec<_>>()))
     };
     for group in groups.iter().filter(|group| !group.trials.is_empty()) {
@@ -112,8 +112,8 @@ fn caption(groups: &[GroupResponses], [all, bad]: [usize; 2]) -> String {
     }
     if bad > 0 {
         text.push_str(&format!(
-            " In {bad} of {all} trials the command alone hardly tells feedback from feedforward: the feedback shown is \
-             the choice of the pool."
+            " In {bad} of {all} trials the stimuli do not tell feedback from feedforward: the feedback shown is the \
+             choice of the pool."
         ));
     }
     let mut specs: Vec<String> =
@@ -132,9 +132,9 @@ mod tests {
     use crate::control::Model;
     use crate::learning::inputs::{Estimator, Identification, NormIntervals, StandardErrors};
     use crate::learning::{
-        CurveOptions, IdentifiedControllers, PlantName, SubjectInput, TrialInput, TrialSelection,
-        study_frequency_responses,
+        CurveOptions, IdentifiedControllers, PlantName, SubjectInput, TrialInput, study_frequency_responses,
     };
+    use crate::trust::Evidence;
     use serde_json::json;
 
     /// Three people whose feedforward is the plant's inverse times 1/2, 1 and 2: 0 dB ± 6 dB.
@@ -175,6 +175,7 @@ mod tests {
                         intervals: NormIntervals::default(),
                         variance_accounted_for: None,
                         cost: None,
+                        evidence: Evidence::default(),
                     }],
                     by_other_estimators: Vec::new(),
                 }],
@@ -183,8 +184,13 @@ mod tests {
         let omega = [1.0, 2.0, 4.0];
         let options = CurveOptions::default();
         let responses = study_frequency_responses(&subjects, TrialSelection::Last, &omega, &options, false);
-        let alone = Evidence { feedback_poorly_determined: true, ..Evidence::default() };
-        let figure = mean_bode(&responses, &BTreeMap::from([("a0".to_owned(), alone.clone())]));
+        let told = |count: usize| {
+            let mut own = responses.clone();
+            let trials = own.groups.iter_mut().flat_map(|group| &mut group.trials);
+            trials.take(count).for_each(|trial| trial.feedback_not_told = Some("one response".into()));
+            own
+        };
+        let figure = mean_bode(&told(1));
         let [band, line] = [0, 1].map(|at| &figure.panels[4].series[at]);
         assert_eq!((line.name.as_str(), line.x.len()), ("one", 3));
         for at in 0..3 {
@@ -195,8 +201,7 @@ mod tests {
         }
         // One of three is not more than a third.
         assert_eq!(figure.panels[2].title, "Gfb");
-        let all = BTreeMap::from(["a0", "a1"].map(|id| (id.to_owned(), alone.clone())));
-        assert_eq!(mean_bode(&responses, &all).panels[2].title, "Gfb: × do not use");
+        assert_eq!(mean_bode(&told(2)).panels[2].title, "Gfb: × do not use");
         assert!(figure.caption.contains("one: S0 trial 40, S1 trial 40 and S2 trial 40."), "{}", figure.caption);
         assert!(figure.caption.contains("In 1 of 3 trials") && figure.caption.contains("Spec 01234567."));
     }

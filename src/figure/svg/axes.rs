@@ -2,6 +2,7 @@
 
 use super::{px, text};
 use crate::figure::layout::Frame;
+use crate::figure::text::shortened;
 use crate::figure::ticks::ticks;
 use crate::figure::value::{Axis, Figure, Panel};
 use std::fmt::Write as _;
@@ -10,8 +11,16 @@ use std::fmt::Write as _;
 const APART_X: f64 = 78.0;
 const APART_Y: f64 = 29.0;
 
+/// Letters of a name at an axis.
+const NAME: usize = 9;
+
 /// The ticks of an axis over a length in pixels, each with its place from the beginning.
 fn placed(axis: &Axis, length: f64, apart: f64) -> Vec<(f64, String)> {
+    if !axis.names.is_empty() {
+        let place = |(at, name): (usize, &String)| (axis.position(at as f64), name.clone());
+        let within = axis.names.iter().enumerate().map(place).filter(|(place, _)| (0.0..=1.0).contains(place));
+        return within.map(|(place, name)| (place * length, shortened(&name, NAME))).collect();
+    }
     let range = axis.range.unwrap_or([0.0, 1.0]);
     let count = ((length / apart) as usize).clamp(2, 12);
     let found = ticks(axis.scale, range, count).into_iter();
@@ -27,7 +36,8 @@ pub(super) fn write(out: &mut String, figure: &Figure, panel: &Panel, frame: &Fr
     }
     let levels = placed(&panel.y, height, APART_Y);
     let mut grid = String::new();
-    for (level, _) in &levels {
+    let is_ruled = panel.y.names.is_empty();
+    for (level, _) in levels.iter().filter(|_| is_ruled) {
         let _ = write!(grid, "M{} {}h{}", px(x), px((bottom - level).round() - 0.5), px(width));
     }
     let _ = write!(out, "<path class=\"f-grid\" d=\"{grid}\"/>");

@@ -4,8 +4,10 @@ use super::{OVERLAP, px};
 use crate::figure::layout::Frame;
 use crate::figure::palette::class;
 use crate::figure::path::{Path, Tenths, short, tenths};
-use crate::figure::text::escaped;
+use crate::figure::style::TICK;
+use crate::figure::text::{escaped, room};
 use crate::figure::value::{Axis, Ink, Mark, Panel, RuleKind, Series, Weight};
+use crate::trust::Level;
 use std::fmt::Write as _;
 
 /// Fewer samples than this in sight have a dot each.
@@ -63,7 +65,9 @@ pub(super) fn write(out: &mut String, x: &Axis, panel: &Panel, frame: &Frame) {
             Mark::Line | Mark::Samples => line(out, &plot, series),
             Mark::Band => band(out, &plot, series),
             Mark::Bars => bars(out, &plot, series),
-            Mark::Points | Mark::Crosses => points(out, &plot, series),
+            Mark::Points | Mark::Crosses | Mark::Times | Mark::Plus | Mark::Rings => points(out, &plot, series),
+            Mark::Cells => cells(out, &plot, series),
+            Mark::Columns => columns(out, &plot, series),
         }
     }
 }
@@ -214,7 +218,9 @@ fn bars(out: &mut String, plot: &Plot<'_>, series: &Series) {
 /// The outline of a mark around the origin, in path data that follow a move to the place.
 fn shape(series: &Series) -> &'static str {
     match (series.mark, series.ink) {
-        (Mark::Crosses, _) => "m-4-4l8 8m0-8l-8 8",
+        (Mark::Crosses | Mark::Times, _) => "m-4-4l8 8m0-8l-8 8",
+        (Mark::Plus, _) => "m-5 0h10m-5-5v10",
+        (Mark::Rings, _) => "m-7 0a7 7 0 1 0 14 0a7 7 0 1 0-14 0z",
         (_, Ink::Second) => "m-3.4-3.4h6.8v6.8h-6.8z",
         (_, Ink::Third) => "m0-4.6l4.2 7.4h-8.4z",
         (_, Ink::Fourth) => "m0-4.6l4.6 4.6-4.6 4.6-4.6-4.6z",
@@ -223,7 +229,7 @@ fn shape(series: &Series) -> &'static str {
 }
 
 fn points(out: &mut String, plot: &Plot<'_>, series: &Series) {
-    let kind = if series.mark == Mark::Crosses { "f-cross" } else { "f-mark" };
+    let kind = if series.mark == Mark::Points { "f-mark" } else { "f-cross" };
     let (ink, shape) = (class(series.ink), shape(series));
     let mut together = String::new();
     for (i, (x, y)) in series.x.iter().zip(&series.y).enumerate() {
@@ -242,5 +248,77 @@ fn points(out: &mut String, plot: &Plot<'_>, series: &Series) {
     }
     if !together.is_empty() {
         let _ = write!(out, "<path class=\"{ink} {kind}\" d=\"{together}\"/>");
+    }
+}
+
+/// A cell around each value, in the colours of its trust, with its text where there is room.
+fn cells(out: &mut String, plot: &Plot<'_>, series: &Series) {
+    const GAP: f64 = 2.0;
+    let size = |ends: [f64; 2]| (ends[1] - ends[0]).abs() - GAP;
+    let [width, height] = [size([plot.x(0.0), plot.x(1.0)]), size([plot.y(0.0), plot.y(1.0)])];
+    for (i, (x, y)) in series.x.iter().zip(&series.y).enumerate() {
+        let Some(y) = y else { continue };
+        let [x, y] = [plot.x(*x), plot.y(*y)];
+        let level = series.trust.get(i).copied().unwrap_or(Level::NotIdentified);
+        let note = series.notes.get(i).map_or("", String::as_str);
+        let _ = write!(
+            out,
+            "<g class=\"f-cell f-t-{}\" data-trust=\"{}\"><title>{}</title><path d=\"M{} {}h{}v{}h-{}z\"/>",
+            trust_class(level),
+            level.name(),
+            escaped(note),
+            px(x - 0.5 * width),
+            px(y - 0.5 * height),
+            px(width),
+            px(height),
+            px(width)
+        );
+        let text = series.texts.get(i).map_or("", String::as_str);
+        // Where the value has no room its sign stays.
+        let sign = text.chars().next().map_or_else(String::new, String::from);
+        let words = [text, sign.as_str()].into_iter().find(|words| room(words, TICK) <= width && height >= TICK);
+        if let Some(words) = words.filter(|words| !words.is_empty()) {
+            let _ = write!(
+                out,
+                "<text text-anchor=\"middle\" x=\"{}\" y=\"{}\">{}</text>",
+                px(x),
+                px(y + 4.0),
+                escaped(words)
+            );
+        }
+        out.push_str("</g>");
+    }
+}
+
+/// The ending of a level's class.
+fn trust_class(level: Level) -> &'static str {
+    match level {
+        Level::NotIdentified => "n",
+        Level::Ok => "o",
+        Level::Read => "r",
+        Level::DoNotUse => "x",
+    }
+}
+
+/// A column from 0 to each value, of 0.6 of the distance between whole numbers, or of neighbours that are nearer.
+fn columns(out: &mut String, plot: &Plot<'_>, series: &Series) {
+    let apart = series.x.windows(2).map(|pair| pair[1] - pair[0]).filter(|d| *d > 0.0).fold(1.0, f64::min);
+    let half = 0.3 * (plot.x(apart) - plot.x(0.0));
+    let ground = plot.y(0.0);
+    for (i, (x, y)) in series.x.iter().zip(&series.y).enumerate() {
+        let Some(y) = y else { continue };
+        let [x, y] = [plot.x(*x), plot.y(*y)];
+        let note = series.notes.get(i).map_or("", String::as_str);
+        let _ = write!(
+            out,
+            "<path class=\"{} f-mark\" d=\"M{} {}H{}V{}H{}z\"><title>{}</title></path>",
+            class(series.ink),
+            px(x - half),
+            px(ground),
+            px(x + half),
+            px(y),
+            px(x - half),
+            escaped(note)
+        );
     }
 }

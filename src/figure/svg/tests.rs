@@ -57,7 +57,7 @@ fn the_image_says_what_it_shows_and_its_marks_too() {
     let mut figure = one(vec![1.0, 2.0], vec![Some(0.5), Some(0.6)]);
     let crosses = Series::values("bad", (Mark::Crosses, Ink::Second, Weight::Thin), vec![2.0], [Some(0.6)])
         .with_notes(vec!["MP01 · trial 2 · 0.6 · do not use".into()])
-        .with_trust(vec![crate::figure::trust::Level::DoNotUse]);
+        .with_trust(vec![crate::trust::Level::DoNotUse]);
     figure.panels[0].series.push(crosses);
     figure.panels[0].spans.push(Span { from: 3.0, to: 4.0, label: "out of use".into() });
     figure.panels[0] = figure.panels[0].clone().with_rule(6.0, "session 2", RuleKind::Border);

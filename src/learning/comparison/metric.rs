@@ -10,6 +10,7 @@ use super::random_effects::{Difference, RandomEffects, random_effects};
 use super::series::{PersonSeries, PracticeAxis};
 use super::shape::{ErrorSource, Law, SharedShape, shared_shape};
 use crate::learning::curves::Metric;
+use crate::learning::trusted::StatementTrust;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -76,6 +77,9 @@ pub struct GroupMetric {
     pub people: Vec<PersonCurve>,
     /// The means.
     pub contrasts: Vec<GroupContrast>,
+    /// How far statements about them may go.
+    #[serde(default)]
+    pub trust: StatementTrust,
 }
 
 /// The same difference under another assumption.
@@ -133,6 +137,9 @@ pub struct PairMetric {
     pub mixed_model: Option<MixedModel>,
     /// Why there is none.
     pub no_mixed_model: Option<String>,
+    /// How far statements about them may go: that of the worse group.
+    #[serde(default)]
+    pub trust: StatementTrust,
 }
 
 /// A contrast with the sessions that it is between.
@@ -222,7 +229,7 @@ fn lists(values: &[PersonValue]) -> (Vec<f64>, Vec<f64>) {
     values.iter().map(|p| (p.value, p.variance)).unzip()
 }
 
-/// A group's curves and means in one metric.
+/// A group's curves and means in one metric; nothing is known here of how far the values may be used.
 #[must_use]
 pub fn group_metric(
     metric: Metric,
@@ -234,10 +241,10 @@ pub fn group_metric(
     let comparer = Comparer { settings, axis, errors };
     let group = Fitted { people, curves: curves(people, settings.form.law(), errors, axis) };
     let contrasts = asked(settings, axis).into_iter().map(|asked| comparer.group_contrast(&group, asked)).collect();
-    GroupMetric { metric, errors, people: group.curves, contrasts }
+    GroupMetric { metric, errors, people: group.curves, contrasts, trust: StatementTrust::default() }
 }
 
-/// The differences of two groups in one metric, second less first.
+/// The differences of two groups in one metric, second less first; likewise.
 #[must_use]
 pub fn pair_metric(
     metric: Metric,
@@ -279,7 +286,7 @@ pub fn pair_metric(
         Ok(models) => (models.into_iter().next(), None),
         Err(why) => (None, Some(why)),
     };
-    PairMetric { metric, contrasts, shared_rate, mixed_model, no_mixed_model }
+    PairMetric { metric, contrasts, shared_rate, mixed_model, no_mixed_model, trust: StatementTrust::default() }
 }
 
 impl Law {

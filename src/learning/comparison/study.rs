@@ -1,6 +1,6 @@
 //! The comparison of a study's groups.
 
-use super::metric::{MetricSettings, group_metric, pair_metric};
+use super::metric::{GroupMetric, MetricSettings, PairMetric, group_metric, pair_metric};
 use super::multiple::Correction;
 use super::people::{Contrast, CurveForm};
 use super::people_counts::{TrialKey, group_counts, pair_counts};
@@ -8,10 +8,11 @@ use super::report::{ComparedGroup, ComparedPair, ComparisonSettings, Families, S
 use super::series::{PersonSeries, PracticeAxis, error_source, series};
 use super::shape::ErrorSource;
 use super::words;
-use crate::learning::curves::{CurveOptions, Metric};
+use crate::learning::curves::{CurveOptions, CurvePoint, Metric, point};
 use crate::learning::groups::{Cell, cells};
 use crate::learning::inputs::{Estimator, SubjectInput};
 use crate::learning::time_domain::START_THRESHOLD;
+use crate::learning::trusted::StatementTrust;
 use std::collections::BTreeSet;
 
 /// Pairs of groups that are compared at most: the time of a request.
@@ -225,7 +226,10 @@ fn fill(
         let metrics = by_metric
             .iter()
             .filter(|(_, people, _)| has_values(&people[i]))
-            .map(|(metric, people, errors)| group_metric(*metric, &people[i], *errors, &axes[i], settings))
+            .map(|(metric, people, errors)| GroupMetric {
+                trust: statement(cell, *metric, options.estimator),
+                ..group_metric(*metric, &people[i], *errors, &axes[i], settings)
+            })
             .collect();
         let (first, last) = ends[i];
         comparison.groups.push(ComparedGroup {
@@ -242,12 +246,30 @@ fn fill(
         let metrics = by_metric
             .iter()
             .filter(|(_, people, _)| has_values(&people[*first]) && has_values(&people[*second]))
-            .map(|(metric, people, errors)| {
-                pair_metric(*metric, &people[*first], &people[*second], *errors, &axes[*first], settings)
+            .map(|(metric, people, errors)| PairMetric {
+                trust: trust_of_pair(&comparison.groups, [*first, *second], *metric),
+                ..pair_metric(*metric, &people[*first], &people[*second], *errors, &axes[*first], settings)
             })
             .collect();
         let counts = pair_counts(&comparison.groups[*first].counts, &comparison.groups[*second].counts, settings.seed);
         comparison.pairs.push(ComparedPair { first: *first, second: *second, metrics, counts });
+    }
+}
+
+/// How far a statement about everybody's values in a group may go; divergent trials are part of none.
+fn statement(cell: &Cell, metric: Metric, estimator: Estimator) -> StatementTrust {
+    let trials = cell.subjects.iter().flat_map(|(_, trials)| trials).filter(|trial| !trial.divergent);
+    let points: Vec<CurvePoint> = trials.map(|trial| point(trial, 1, cell.spec.as_ref(), estimator)).collect();
+    let with = points.iter().filter(|point| point.value(metric).is_some());
+    StatementTrust::of(with.filter_map(|point| point.trust(metric)))
+}
+
+/// How far statements about the difference of two groups may go: that of the worse one.
+fn trust_of_pair(groups: &[ComparedGroup], pair: [usize; 2], metric: Metric) -> StatementTrust {
+    let of = |group: usize| groups[group].metrics.iter().find(|own| own.metric == metric).map(|own| &own.trust);
+    match pair.map(of) {
+        [Some(first), Some(second)] => first.worse(second).clone(),
+        _ => StatementTrust::default(),
     }
 }
 

@@ -1,7 +1,7 @@
 //! What a comparison found, and what so many people can and cannot show, in sentences.
 
 use super::counts::Proportion;
-use super::metric::{GroupContrast, PairContrast};
+use super::metric::{GroupContrast, GroupMetric, PairContrast};
 use super::people::{Contrast, CurveForm, PersonCurve};
 use super::permutation::{Enumeration, fewest_people};
 use super::report::{ComparedGroup, ComparedPair, StudyComparison};
@@ -10,6 +10,7 @@ use super::shape::ErrorSource;
 use super::text::{number, symbol};
 use crate::learning::curves::Metric;
 use crate::learning::inputs::{Remark, SpecChoice};
+use crate::trust::MeanTrust;
 
 /// The level of every test.
 const LEVEL: f64 = 0.05;
@@ -49,7 +50,7 @@ pub(super) fn findings(comparison: &StudyComparison) -> Vec<String> {
     for group in &comparison.groups {
         for metric in &group.metrics {
             for contrast in &metric.contrasts {
-                found.extend(change(comparison, group, metric.metric, contrast));
+                found.extend(change(comparison, group, metric, contrast));
             }
         }
     }
@@ -59,7 +60,10 @@ pub(super) fn findings(comparison: &StudyComparison) -> Vec<String> {
             for contrast in &metric.contrasts {
                 let what = what(contrast.contrast, contrast.sessions, &comparison.groups[pair.first].practice);
                 let head = format!("{} less {}, {}, {what}", names[1], names[0], symbol(metric.metric));
-                found.push(difference(comparison, &names, &head, contrast));
+                found.push(match metric.trust.refusal() {
+                    Some(refusal) => format!("{head}: no statement: {refusal}"),
+                    None => difference(comparison, &names, &head, contrast),
+                });
             }
         }
         found.extend(counts(comparison, pair, &names));
@@ -71,7 +75,7 @@ pub(super) fn findings(comparison: &StudyComparison) -> Vec<String> {
 fn change(
     comparison: &StudyComparison,
     group: &ComparedGroup,
-    metric: Metric,
+    metric: &GroupMetric,
     contrast: &GroupContrast,
 ) -> Option<String> {
     if !matches!(contrast.contrast, Contrast::Change | Contrast::Retention) {
@@ -80,9 +84,12 @@ fn change(
     let head = format!(
         "{}, {}, {}",
         group.name(),
-        symbol(metric),
+        symbol(metric.metric),
         what(contrast.contrast, contrast.sessions, &group.practice)
     );
+    if let Some(refusal) = metric.trust.refusal() {
+        return Some(format!("{head}: no statement: {refusal}"));
+    }
     let Some((mean, all)) = contrast.mean.as_ref().and_then(|m| Some((m.coefficients.first()?, m))) else {
         let why = contrast.no_mean.as_deref().unwrap_or("no reason given");
         return Some(format!("{head}: no mean with an interval: {why}."));
@@ -121,7 +128,7 @@ fn change(
             }
         };
     }
-    Some(text + ".")
+    Some(text + &metric.trust.reservation() + ".")
 }
 
 fn difference(comparison: &StudyComparison, names: &[String; 2], head: &str, contrast: &PairContrast) -> String {
@@ -284,6 +291,11 @@ fn of_group(comparison: &StudyComparison, group: &ComparedGroup, remarks: &mut V
         let codes = |chosen: &dyn Fn(&PersonCurve) -> bool| {
             metric.people.iter().filter(|p| chosen(p)).map(|p| p.code.as_str()).collect::<Vec<_>>().join(", ")
         };
+        let MeanTrust { do_not_use, of, .. } = metric.trust.mean;
+        if do_not_use > 0 {
+            let text = format!("{do_not_use} of the {of} values of {name} are not to be used; curves take them in");
+            add("values_not_to_be_used", text);
+        }
         let without = codes(&|p| p.no_fit.is_some());
         if !without.is_empty() {
             add("person_without_curve", format!("no curve of {name} for {without}; `curve=trials` needs none"));

@@ -204,7 +204,7 @@ async fn studies_and_reports_are_drawn() {
     let id = |run: &Value| run["analyses"][0]["id"].as_str().unwrap().to_owned();
 
     let study = format!("/v1/studies/{}", lab.study);
-    assert_eq!(all_of(&server, &study).await.len(), 8);
+    assert_eq!(all_of(&server, &study).await.len(), 10);
     let curve = format!("{study}/figures/norm_feedforward_plant_minus_one?format=json");
     let figure = server.get(&curve).await.json(200);
     let curves = server.get(&format!("{study}/learning-curves")).await.json(200);
@@ -231,8 +231,48 @@ async fn studies_and_reports_are_drawn() {
     assert!(bars["panels"][0]["series"].as_array().unwrap().iter().any(|one| one["mark"] == "bars"), "{bars:.2000}");
 
     let analysis = format!("/v1/analyses/{}", id(&queued));
-    assert_eq!(all_of(&server, &analysis).await, ["bode", "response", "simulated"]);
+    assert_eq!(all_of(&server, &analysis).await, ["bode", "response", "poles", "near_optimal", "simulated"]);
     let report = server.get(&format!("{analysis}/report")).await.json(200);
+    let drawn = |name: &str| {
+        let address = format!("{analysis}/figures/{name}?format=json");
+        let server = &server;
+        async move { server.get(&address).await.json(200) }
+    };
+    let poles = drawn("poles").await;
+    let closed = poles["panels"][0]["series"].as_array().unwrap().iter().find(|one| one["mark"] == "plus").unwrap();
+    let mut found: Vec<[f64; 2]> = (0..closed["x"].as_array().unwrap().len())
+        .map(|at| [closed["x"][at].as_f64().unwrap(), closed["y"][at].as_f64().unwrap()])
+        .collect();
+    let mut said: Vec<[f64; 2]> = serde_json::from_value(report["result"]["closed_loop_poles"].clone()).unwrap();
+    for list in [&mut found, &mut said] {
+        list.sort_by(|a, b| a.partial_cmp(b).unwrap());
+    }
+    assert_eq!(found, said);
+    let near = drawn("near_optimal").await;
+    let family = report["result"]["near_optimal"]["family"].as_array().unwrap();
+    for (panel, name) in [(0, "norm_feedback"), (1, "norm_feedforward_plant_minus_one")] {
+        let series = &near["panels"][panel]["series"];
+        let mut drawn: Vec<f64> =
+            series[0]["y"].as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect();
+        let mut said: Vec<f64> = family.iter().map(|own| own[name].as_f64().unwrap()).collect();
+        drawn.sort_by(f64::total_cmp);
+        said.sort_by(f64::total_cmp);
+        assert_eq!(drawn, said, "{name}");
+        assert_eq!(series[1]["mark"], "rings");
+        assert_eq!(series[1]["y"][0], report["result"]["metrics"][name], "{name}: the chosen one");
+    }
+    let dots = server.get(&format!("{study}/figures/scatter?format=json")).await.json(200);
+    let dots = &dots["panels"][0]["series"][0];
+    let mut points: Vec<[f64; 2]> = group["scatter"]["points"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|own| ["norm_feedforward_plant_minus_one", "mean_abs_error"].map(|name| own[name].as_f64().unwrap()))
+        .collect();
+    points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    for (at, [distance, error]) in points.iter().enumerate() {
+        assert_eq!((dots["x"][at].as_f64(), dots["y"][at].as_f64()), (Some(*distance), Some(*error)));
+    }
     let loop_of = server.get(&format!("{analysis}/figures/response?format=json")).await.json(200);
     let dots = &loop_of["panels"][0]["series"][0];
     // A line at 0 Hz has no place on a logarithmic axis.
@@ -257,5 +297,142 @@ async fn studies_and_reports_are_drawn() {
     for run in [&two, &three] {
         assert_eq!(all_of(&server, &format!("/v1/analyses/{}", id(run))).await.len(), 1);
     }
+    server.finish().await;
+}
+
+/// Reports of the kinds that need no trial; the numbers drawn are those of the report.
+#[tokio::test]
+async fn reports_about_costs_excitations_and_designs_are_drawn() {
+    let server = TestServer::start().await;
+    let about = |kind: &str| volition::analysis::registry::kinds().find(|own| own.kind.name() == kind).unwrap();
+    let mut reports = std::collections::BTreeMap::new();
+    for (kind, change) in [
+        ("inverse_lqr", json!({})),
+        ("inverse_lqg", json!({})),
+        ("gain_fit", json!({})),
+        ("excitation_quality", json!({"include_samples": true})),
+        ("compensator_design", json!({"sweep": {"count": 20}})),
+        ("input_design", json!({})),
+    ] {
+        let mut request: Value = serde_json::from_str(about(kind).example).unwrap();
+        for (key, value) in change.as_object().unwrap() {
+            request["spec"][key] = value.clone();
+        }
+        let id = server.post("/v1/analyses", &request).await.id(202);
+        reports.insert(kind, (format!("/v1/analyses/{id}"), request));
+    }
+    server.work().await;
+    let mut drawn = std::collections::BTreeMap::new();
+    for (kind, (address, request)) in &reports {
+        let report = server.get(&format!("{address}/report")).await.json(200);
+        for name in all_of(&server, address).await {
+            let figure = server.get(&format!("{address}/figures/{name}?format=json&w=2000")).await.json(200);
+            drawn.insert(format!("{kind} {name}"), (figure, report.clone(), request.clone()));
+        }
+    }
+    let names: Vec<&str> = drawn.keys().map(String::as_str).collect();
+    assert_eq!(
+        names,
+        [
+            "compensator_design compensator",
+            "excitation_quality autocorrelation",
+            "excitation_quality flatness",
+            "excitation_quality signal",
+            "excitation_quality spectrum",
+            "gain_fit return_difference",
+            "input_design deviations",
+            "input_design input",
+            "inverse_lqg cost",
+            "inverse_lqr cost",
+            "inverse_lqr return_difference",
+        ]
+    );
+    let numbers = |value: &Value| -> Vec<f64> { value.as_array().unwrap().iter().filter_map(Value::as_f64).collect() };
+    let series = |name: &str, panel: usize, at: usize| drawn[name].0["panels"][panel]["series"][at].clone();
+    let result = |name: &str| drawn[name].1["result"].clone();
+
+    let spectrum = result("excitation_quality spectrum");
+    assert_eq!(numbers(&series("excitation_quality spectrum", 0, 0)["x"]), numbers(&spectrum["lines"]["frequency_hz"]));
+    assert_eq!(numbers(&series("excitation_quality spectrum", 0, 0)["y"]), numbers(&spectrum["lines"]["power"]));
+    let correlation = series("excitation_quality autocorrelation", 0, 0);
+    let lags = numbers(&spectrum["autocorrelation"]["lag_s"]);
+    // Lines are thinned out to what a pixel can show, and what is left is there.
+    for (x, y) in numbers(&correlation["x"]).iter().zip(numbers(&correlation["y"])) {
+        let at = lags.iter().position(|lag| lag == x).unwrap();
+        assert_eq!(spectrum["autocorrelation"]["value"][at].as_f64(), Some(y));
+    }
+    let flat = series("excitation_quality flatness", 0, 0);
+    let said: Vec<f64> =
+        spectrum["flatness"].as_array().unwrap().iter().map(|own| own["sfm"].as_f64().unwrap()).collect();
+    let mut found = numbers(&flat["y"]);
+    found.sort_by(f64::total_cmp);
+    let mut said = said;
+    said.sort_by(f64::total_cmp);
+    assert_eq!(found, said);
+
+    let design = result("input_design input");
+    for (at, name) in [(0, "start_input"), (1, "input")] {
+        assert_eq!(numbers(&series("input_design input", 0, at)["y"]), numbers(&design[name]));
+    }
+    let ratios = numbers(&series("input_design deviations", 0, 0)["y"]);
+    for (ratio, parameter) in ratios.iter().zip(design["parameters"].as_array().unwrap()) {
+        assert!((ratio.powi(2) / parameter["variance_ratio"].as_f64().unwrap() - 1.0).abs() < 1e-9, "{parameter}");
+    }
+
+    let sweep = result("compensator_design compensator")["sweep"][0].clone();
+    assert_eq!(numbers(&series("compensator_design compensator", 0, 0)["x"]), numbers(&sweep["gain"]));
+    assert_eq!(numbers(&series("compensator_design compensator", 0, 0)["y"]), numbers(&sweep["blsfg"]));
+
+    let cost = result("inverse_lqr cost");
+    let shares: Vec<f64> = [0, 1].iter().flat_map(|at| numbers(&series("inverse_lqr cost", 0, *at)["y"])).collect();
+    let sum: f64 = shares.iter().sum();
+    assert!((sum - 100.0).abs() < 1e-6 || !cost["reading"]["stationary_shares"].is_object(), "{shares:?}");
+    assert_eq!(drawn["inverse_lqr cost"].0["x"]["names"], json!(["angle", "rate", "torque"]));
+    // Kalman's inequality as the proof of the report has it: the least value lies above 0 dB.
+    let margin = numbers(&series("inverse_lqr return_difference", 0, 0)["y"]).into_iter().fold(f64::INFINITY, f64::min);
+    assert!(margin > -1e-9 && cost["verdict"] == "feasible", "{margin}");
+    server.finish().await;
+}
+
+#[tokio::test]
+async fn the_queue_is_drawn() {
+    let server = TestServer::start().await;
+    let request: Value = serde_json::from_str(volition::analysis::registry::kinds().next().unwrap().example).unwrap();
+    server.post("/v1/analyses", &request).await.id(202);
+    let before = server.get("/v1/figures/queue?format=json").await.json(200);
+    assert!(before["description"].as_str().unwrap().starts_with("1 wait and 0 run now"), "{before}");
+    server.work().await;
+    let after = server.get("/v1/figures/queue?format=json").await.json(200);
+    assert_eq!(after["description"], "0 wait and 0 run now; 1 ended and 0 failed in 24 hours.");
+    assert!(server.get("/v1/figures/queue").await.text().starts_with("<svg"));
+    server.finish().await;
+}
+
+/// Units of a plant stand at the axes, those of a trial before them.
+#[tokio::test]
+async fn figures_have_the_units_that_the_lab_gave() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let trial = upload(&server, &lab, 1, 1).await;
+    let plant = format!("/v1/plants/{}", lab.plant);
+    let changed = server.patch(&plant, &json!({"units": {"output": "cm", "control": "N"}})).await.json(200);
+    assert_eq!(changed["units"], json!({"output": "cm", "control": "N"}));
+    let label = |figure: &Value, panel: usize| figure["panels"][panel]["y"]["unit"].as_str().unwrap().to_owned();
+    let address = format!("/v1/trials/{trial}/figures/signals?format=json");
+    let figure = server.get(&address).await.json(200);
+    assert_eq!([label(&figure, 0), label(&figure, 1), label(&figure, 2)], ["cm", "N", "cm"]);
+    let of_study = format!("/v1/studies/{}/figures/norm_feedback?format=json", lab.study);
+    assert_eq!(label(&server.get(&of_study).await.json(200), 0), "N / cm");
+    let own = server.patch(&format!("/v1/trials/{trial}"), &json!({"units": {"control": "mN"}})).await.json(200);
+    assert_eq!(own["units"], json!({"output": null, "control": "mN"}));
+    let figure = server.get(&address).await.json(200);
+    assert_eq!([label(&figure, 0), label(&figure, 1)], ["cm", "mN"]);
+    let taken = server.patch(&plant, &json!({"units": {"output": null}})).await.json(200);
+    assert_eq!(taken["units"], json!({"output": null, "control": "N"}));
+    assert_eq!(label(&server.get(&address).await.json(200), 0), "unit of y");
+    let long = server.patch(&plant, &json!({"units": {"output": "x".repeat(41)}})).await.json(422);
+    assert_eq!(long["where"], "/units/output");
+    let unknown = server.patch(&plant, &json!({"units": {"time": "s"}})).await;
+    assert!(unknown.status.is_client_error(), "{}", unknown.text());
     server.finish().await;
 }

@@ -23,5 +23,6 @@ mod ssid;
 mod studies;
 mod subjects;
 mod trials;
+mod trust;
 mod two_stimulus;
 mod uploads;

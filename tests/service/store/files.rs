@@ -358,6 +358,11 @@ async fn a_database_of_the_first_schema_is_brought_up_to_date() {
     let before = store.analysis(id).await.unwrap();
     store.close().await;
     for sql in [
+        "DROP TABLE analysis_trust",
+        "ALTER TABLE plants DROP COLUMN units",
+        "ALTER TABLE trials DROP COLUMN units",
+        "DROP INDEX analyses_to_judge",
+        "ALTER TABLE analyses DROP COLUMN trust_rule",
         "ALTER TABLE analyses DROP COLUMN fraction",
         "ALTER TABLE analyses DROP COLUMN phase_to",
         "ALTER TABLE analyses DROP COLUMN phase_from",

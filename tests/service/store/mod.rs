@@ -17,7 +17,8 @@ use volition::analysis::{Analysis as _, Code, Problem, Report, Request, frequenc
 use volition::control::Model;
 use volition::num::hexadecimal::hexadecimal;
 use volition::store::{
-    Clock, Created, IdempotencyKey, NewAnalysis, NewPlant, NewStudy, NewSubject, NewTrial, Page, Store, StoreError,
+    Clock, Created, IdempotencyKey, NewAnalysis, NewPlant, NewStudy, NewSubject, NewTrial, Page, SignalUnits, Store,
+    StoreError,
 };
 use volition::trial::{Signals, Trial};
 
@@ -86,7 +87,7 @@ pub fn model() -> Model {
 }
 
 pub fn new_plant(name: &str) -> NewPlant {
-    NewPlant { name: name.into(), model: model() }
+    NewPlant { name: name.into(), model: model(), units: SignalUnits::default() }
 }
 
 pub fn new_subject(code: &str) -> NewSubject {

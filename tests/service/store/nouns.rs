@@ -1,10 +1,10 @@
 //! Studies, plants and subjects.
 
 use super::*;
-use volition::store::{Plant, PlantPatch, Study, StudyPatch, Subject, SubjectPatch, TrialRecord};
+use volition::store::{Plant, PlantPatch, SignalUnits, Study, StudyPatch, Subject, SubjectPatch, TrialRecord};
 
 fn to_name(name: &str) -> PlantPatch {
-    PlantPatch { name: Some(name.to_owned()) }
+    PlantPatch { name: Some(name.to_owned()), ..PlantPatch::default() }
 }
 
 #[tokio::test]
@@ -106,7 +106,7 @@ async fn models_come_back_bit_for_bit() {
         "sample_time_s": 0.02
     }))
     .unwrap();
-    let new = NewPlant { name: "odd numbers".into(), model: model.clone() };
+    let new = NewPlant { name: "odd numbers".into(), model: model.clone(), units: SignalUnits::default() };
     let made = bench.store.create_plant(study, new, None).await.unwrap().into_inner();
     assert_eq!(bench.store.plant(made.id).await.unwrap().model, model);
 }

@@ -130,17 +130,23 @@ async fn a_trial_can_be_renumbered_but_not_onto_another() {
     let store = &bench.store;
     let (_, plant, subject) = bench.lab().await;
     let (first, second) = (bench.trial(subject, plant, 1).await, bench.trial(subject, plant, 2).await);
-    let number = |number| TrialPatch { number: Some(number), session: None };
+    let number = |number| TrialPatch { number: Some(number), session: None, ..TrialPatch::default() };
     assert_conflict(store.change::<TrialRecord>(second, number(1), None).await, "trial_number_taken");
     let moved = store
-        .change::<TrialRecord>(second, TrialPatch { number: Some(1), session: Some(None) }, Some(1))
+        .change::<TrialRecord>(
+            second,
+            TrialPatch { number: Some(1), session: Some(None), ..TrialPatch::default() },
+            Some(1),
+        )
         .await
         .unwrap();
     assert_eq!((moved.number, moved.session, moved.version), (1, None, 2));
     assert_stale(store.change::<TrialRecord>(second, number(5), Some(1)).await);
     assert_eq!(store.change::<TrialRecord>(second, TrialPatch::default(), Some(2)).await.unwrap(), moved);
-    let moved =
-        store.change::<TrialRecord>(first, TrialPatch { number: None, session: Some(Some(4)) }, None).await.unwrap();
+    let moved = store
+        .change::<TrialRecord>(first, TrialPatch { session: Some(Some(4)), ..TrialPatch::default() }, None)
+        .await
+        .unwrap();
     assert_eq!((moved.number, moved.session), (1, Some(4)));
     assert_stale(store.delete::<TrialRecord>(first, Some(1)).await);
     store.delete::<TrialRecord>(first, Some(2)).await.unwrap();

@@ -76,7 +76,7 @@ fn assembled(estimates: [Vec<Estimate>; 3]) -> Vec<Response> {
     let [feedforward, feedback, product] = estimates;
     [("Gff", feedforward, false), ("Gfb", feedback, false), ("Gff·G", product, true)]
         .into_iter()
-        .map(|(symbol, estimates, reference)| Response { symbol, reference, doubt: "", estimates })
+        .map(|(symbol, estimates, reference)| Response { symbol, reference, doubt: String::new(), estimates })
         .filter(|response| response.estimates.iter().any(|estimate| !estimate.at.is_empty()))
         .collect()
 }

@@ -1,9 +1,23 @@
 use super::*;
+use crate::learning::frequency_domain::ControllerMetrics;
 use crate::learning::time_domain::TimeDomainMetrics;
-use crate::learning::{CurveOptions, PlantName, SubjectInput, TrialInput, study_learning_curves};
+use crate::learning::{
+    CurveOptions, Estimator, Identification, NormIntervals, PlantName, StandardErrors, SubjectInput, TrialInput,
+    study_learning_curves,
+};
+use crate::trust::Evidence;
 
 /// Subjects of two groups with errors by trial number; `session` of each trial.
 fn curves(groups: usize, sessions: &[Option<i64>]) -> StudyLearningCurves {
+    identified(groups, sessions, &|_| None)
+}
+
+/// The same with what was identified of each trial, by its number.
+fn identified(
+    groups: usize,
+    sessions: &[Option<i64>],
+    found: &dyn Fn(i64) -> Option<Identification>,
+) -> StudyLearningCurves {
     let plant = PlantName { id: "p".into(), name: "minimum phase".into() };
     let subjects: Vec<SubjectInput> = (0..groups * 3)
         .map(|subject| SubjectInput {
@@ -20,7 +34,7 @@ fn curves(groups: usize, sessions: &[Option<i64>]) -> StudyLearningCurves {
                     plant: plant.clone(),
                     divergent: false,
                     metrics: metrics(1.0 / number as f64 + 0.1 * (subject % 3) as f64),
-                    identifications: Vec::new(),
+                    identifications: found(number).into_iter().collect(),
                     by_other_estimators: Vec::new(),
                 })
                 .collect(),
@@ -38,7 +52,7 @@ fn metrics(error: f64) -> TimeDomainMetrics {
 }
 
 fn figure(curves: &StudyLearningCurves, metric: Metric) -> Figure {
-    learning_curve(curves, metric, &BTreeMap::new(), &Units::default())
+    learning_curve(curves, metric, &Units::default())
 }
 
 fn named<'a>(figure: &'a Figure, name: &str) -> &'a Series {
@@ -76,35 +90,51 @@ fn a_quantity_that_nobody_identified_has_no_curve_and_no_statement() {
     assert_eq!(found.panels[0].y.text(), "‖Gfb‖ (unit of u / unit of y)");
 }
 
+/// ‖Gfb‖ = 2 with an interval; of a trial whose number is 1 a wide one.
+fn feedback(number: i64, wide: [f64; 2], evidence: Evidence) -> Identification {
+    let interval = if number == 1 { wide } else { [1.9, 2.1] };
+    Identification {
+        analysis: "a".into(),
+        spec_sha256: "0123456789".into(),
+        estimator: Estimator::PredictionError,
+        controllers: None,
+        metrics: Some(ControllerMetrics {
+            norm_feedback: Some(2.0),
+            norm_feedforward_minus_inverse: None,
+            norm_feedforward_plant_minus_one: None,
+            band_rad_s: [0.1, 3.0],
+            undefined: Vec::new(),
+        }),
+        standard_errors: StandardErrors::default(),
+        intervals: NormIntervals { norm_feedback: Some(interval), ..NormIntervals::default() },
+        variance_accounted_for: Some(0.9),
+        cost: None,
+        evidence,
+    }
+}
+
 #[test]
 fn what_is_not_to_be_used_is_crossed_out_and_makes_no_statement() {
-    let mut curves = curves(1, &[None]);
-    let points = curves.groups[0].subjects.iter_mut().flat_map(|subject| &mut subject.curve.points);
-    for point in points {
-        point.norm_feedback = Some(2.0);
-        point.intervals_95.norm_feedback = Some(if point.number == 1 { [0.1, 3.9] } else { [1.9, 2.1] });
-        point.intervals_95.reason = None;
-        point.analysis = Some("a".into());
-    }
-    curves.groups[0].first_trials.rows.iter_mut().for_each(|row| {
-        row.point.norm_feedback = Some(2.0);
-        row.point.intervals_95.norm_feedback = Some([0.1, 3.9]);
-    });
-    curves.groups[0].last_trials.rows.iter_mut().for_each(|row| {
-        row.point.norm_feedback = Some(2.0);
-        row.point.intervals_95.norm_feedback = Some([1.9, 2.1]);
-    });
-    let found = figure(&curves, Metric::NormFeedback);
+    let wide = |number| Some(feedback(number, [0.1, 3.9], Evidence::default()));
+    let study = identified(1, &[None], &wide);
+    let found = figure(&study, Metric::NormFeedback);
     let crosses = named(&found, "group 0: not to be used");
     assert_eq!((crosses.x.as_slice(), crosses.y.len()), (&[1.0, 1.0, 1.0][..], 3));
-    assert!(crosses.notes[0].contains("S0 · trial 1 · 2.00 [0.100, 3.90] · do not use: its interval"), "{crosses:?}");
-    assert!(found.description.contains("no statement about ‖Gfb‖: 3 of the 6 values are not to be used"));
+    let note = "S0 · trial 1 · 2.00 [0.100, 3.90] · do not use: its 95 % interval runs from 0.100 to 3.900";
+    assert_eq!(crosses.notes[0], note);
+    let refusal = "no statement about ‖Gfb‖: 3 of the 6 values are not to be used. Record longer, or several trials";
+    assert!(found.description.contains(refusal), "{}", found.description);
     assert!(found.caption.contains("×: do not use, 3 of 9 values; the means take them in."), "{}", found.caption);
     assert_eq!(named(&found, "group 0: 95 % intervals of subjects").x.len(), 9);
-    // What reports say of their trust crosses out as well.
-    let alone = Evidence { feedback_poorly_determined: true, ..Evidence::default() };
-    let evidence = BTreeMap::from([("a".to_owned(), alone)]);
-    let found = learning_curve(&curves, Metric::NormFeedback, &evidence, &Units::default());
+    // The mean of the first trials is not to be used, those of the others are.
+    let levels = &named(&found, "group 0: mean").trust;
+    assert_eq!(levels.iter().filter(|level| **level == Level::DoNotUse).count(), 1, "{levels:?}");
+    let remark = study.remarks.iter().find(|remark| remark.code == "values_not_to_be_used").unwrap();
+    assert!(remark.message.contains("3 of 9 of norm_feedback"), "{remark:?}");
+    // What reports say of the stimuli crosses out as well.
+    let alone = Evidence { feedback_not_told: Some("one response".into()), ..Evidence::default() };
+    let found =
+        figure(&identified(1, &[None], &|n| Some(feedback(n, [1.9, 2.1], alone.clone()))), Metric::NormFeedback);
     assert_eq!(named(&found, "group 0: not to be used").x.len(), 9);
 }
 

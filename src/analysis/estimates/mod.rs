@@ -1,33 +1,57 @@
-//! What reports of each estimator say about a trial, as learning curves take it.
+//! What reports of each estimator say about a trial: the numbers that people take from them, and how far each may be
+//! used.
 
+mod evidence;
+mod quantities;
+
+pub use evidence::evidence;
+pub use quantities::{QuantityTrust, quantities};
+
+use super::Report;
 use crate::control::discretise::zero_order_hold;
 use crate::control::{Discrete, Model, System};
 use crate::learning::frequency_domain::{ControllerMetrics, UndefinedNorm, controller_metrics_of};
 use crate::learning::inputs::{Estimator, Identification, IdentifiedControllers, NormIntervals, StandardErrors};
 use crate::num::Complex64;
 use crate::num::distributions::student_t;
-use crate::store::TrialReport;
 use serde_json::Value;
 
 /// Probability of intervals.
 const PROBABILITY: f64 = 0.95;
 
+/// Said where a plant is needed and not known.
+const NO_PLANT: &str = "its plant is not known";
+
 /// Names of the norms, as reports have them.
 const NORMS: [&str; 3] = ["norm_feedback", "norm_feedforward_minus_inverse", "norm_feedforward_plant_minus_one"];
 
-/// What a report says about its trial; `None` where it has no answer of this estimator.
+/// A report about a trial.
+#[derive(Debug, Clone, Copy)]
+pub struct About<'a> {
+    /// The id of the analysis.
+    pub analysis: &'a str,
+    /// SHA-256 of its spec.
+    pub spec_sha256: &'a str,
+    /// The trial's place among those of the analysis, from 0.
+    pub position: usize,
+    /// The report.
+    pub report: &'a Report,
+}
+
+/// What a report says about its trial on `plant`; `None` where it has no answer of this estimator. The plant is needed
+/// where the report has none itself.
 ///
 /// # Errors
 /// What cannot be read, in words.
-pub(super) fn identification(
+pub fn identification(
     estimator: Estimator,
-    report: &TrialReport,
-    plant: &Model,
+    about: About<'_>,
+    plant: Option<&Model>,
 ) -> Result<Option<Identification>, String> {
-    let result = &report.report.result;
+    let result = &about.report.result;
     let mut found = Identification {
-        analysis: report.analysis.to_string(),
-        spec_sha256: report.spec_sha256.clone(),
+        analysis: about.analysis.to_owned(),
+        spec_sha256: about.spec_sha256.to_owned(),
         estimator,
         controllers: None,
         metrics: None,
@@ -35,6 +59,7 @@ pub(super) fn identification(
         intervals: NormIntervals::default(),
         variance_accounted_for: None,
         cost: None,
+        evidence: evidence(about.report, estimator, about.position),
     };
     match estimator {
         Estimator::Ssid => {
@@ -65,7 +90,7 @@ pub(super) fn identification(
         }
         Estimator::TwoStimulus => two_stimulus(result, plant, &mut found)?,
         Estimator::PredictionError => {
-            let Some(trial) = result.get("trials").and_then(|trials| trials.get(report.position)) else {
+            let Some(trial) = result.get("trials").and_then(|trials| trials.get(about.position)) else {
                 // A trial that was only held out.
                 return Ok(None);
             };
@@ -82,11 +107,11 @@ fn system(object: &Value, field: &str) -> Result<System, String> {
 }
 
 /// The controllers of `part`, with the plant of `result` in their time base.
-fn controllers(result: &Value, part: &Value, plant: &Model) -> Result<IdentifiedControllers, String> {
+fn controllers(result: &Value, part: &Value, plant: Option<&Model>) -> Result<IdentifiedControllers, String> {
     let (feedforward, feedback) = (system(part, "feedforward")?, system(part, "feedback")?);
     let plant = match result.get("plant") {
         Some(_) => system(result, "plant")?,
-        None => in_time_base(plant.check().map_err(|error| error.to_string())?, &feedback)?,
+        None => in_time_base(plant.ok_or(NO_PLANT)?.check().map_err(|error| error.to_string())?, &feedback)?,
     };
     Ok(IdentifiedControllers { plant, feedforward, feedback })
 }
@@ -201,8 +226,8 @@ fn average(lines: &[Line]) -> (Option<f64>, Option<f64>) {
     (Some(value), variance.map(f64::sqrt))
 }
 
-fn two_stimulus(result: &Value, plant: &Model, found: &mut Identification) -> Result<(), String> {
-    let plant = plant.check().map_err(|error| error.to_string())?;
+fn two_stimulus(result: &Value, plant: Option<&Model>, found: &mut Identification) -> Result<(), String> {
+    let plant = plant.ok_or(NO_PLANT)?.check().map_err(|error| error.to_string())?;
     let written = result.get("lines").and_then(Value::as_array).ok_or("it has no lines")?;
     let (mut feedback, mut inverse, mut one) = (Vec::new(), Vec::new(), Vec::new());
     let mut interpolated = false;
