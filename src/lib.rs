@@ -19,8 +19,8 @@
 //! - [`identify`], [`two_stimulus`], [`prediction_error`], [`likelihood`], [`inverse`], [`excite`], [`learning`]:
 //!   the mathematics of the kinds of analysis;
 //! - [`analysis`]: a request becomes a checked analysis, and that a [`Report`](analysis::Report);
-//! - [`jobs`], [`store`], [`worker`], [`api`]: analyses as durable jobs, kept in SQLite, computed by workers, asked
-//!   for over HTTP;
+//! - [`jobs`], [`store`], [`worker`], [`api`], [`pages`]: analyses as durable jobs, kept in SQLite, computed by workers,
+//!   asked for over HTTP, and looked at in a browser;
 //! - [`app`], [`cli`], [`config`], [`telemetry`]: the parts put together.
 //!
 //! A system has its time base in its type, and cannot meet one of another:
@@ -54,6 +54,7 @@ pub mod jobs;
 pub mod learning;
 pub mod likelihood;
 pub mod num;
+pub mod pages;
 pub mod person;
 pub mod plants;
 pub mod prediction_error;

@@ -54,6 +54,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("store", &["analysis", "control", "ctl", "jobs", "num", "trial"]),
     ("worker", &["analysis", "cache", "control", "ctl", "identify", "jobs", "num", "store"]),
     ("api", &["analysis", "cache", "control", "ctl", "excite", "figure", "jobs", "learning", "num", "store", "trial"]),
+    // What a browser shows of the same: beside the interface, and never asked by it. Its own files, its own words.
+    ("pages", &["analysis", "api", "figure", "jobs", "learning", "num", "store"]),
     ("app", &["*"]),
     ("cli", &["*"]),
     ("config", &["*"]),

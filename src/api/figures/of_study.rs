@@ -4,7 +4,7 @@ use super::{FigureList, FigureName, FigureQuery, Offered, answer};
 use crate::analysis::ids::StudyId;
 use crate::api::etag::{self, IfNoneMatch};
 use crate::api::extract::{Id, Params};
-use crate::api::learning_inputs::{CurveQuery, gather};
+use crate::api::learning_inputs::{CurveQuery, Gathered, gather};
 use crate::api::named::Named;
 use crate::api::problem::ApiResult;
 use crate::api::state::AppState;
@@ -15,7 +15,7 @@ use crate::figure::of::Units;
 use crate::figure::of::learning_curves::{METRICS, learning_curve, name as name_of, title};
 use crate::figure::of::mean_bode::{self, mean_bode};
 use crate::learning::bode::identified_band;
-use crate::learning::{TrialSelection, study_frequency_responses, study_learning_curves};
+use crate::learning::{CurveOptions, TrialSelection, study_frequency_responses, study_learning_curves};
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
@@ -32,6 +32,14 @@ fn offered() -> Vec<Offered> {
     let mut all = METRICS.map(|metric| Offered { name: name_of(metric), title: title(metric) }).to_vec();
     all.push(Offered { name: mean_bode::NAME, title: "Gff, Gfb and Gff·G of the groups on the last trial" });
     all
+}
+
+/// The mean controllers of the groups' last identified trials, over the band that was identified.
+pub(crate) fn last_controllers(gathered: &Gathered, options: &CurveOptions) -> Figure {
+    let band = identified_band(&gathered.subjects);
+    let omega = band.map_or_else(Vec::new, |(from, to)| log_grid(from.max(LEAST_SHARE * to), to, FREQUENCIES));
+    let responses = study_frequency_responses(&gathered.subjects, TrialSelection::Last, &omega, options, false);
+    mean_bode(&responses, &gathered.evidence)
 }
 
 /// Names a figure of a study in the path.
@@ -81,11 +89,7 @@ pub(crate) async fn read(
     let options = curves.options();
     let figure = move || {
         let Some(metric) = metric else {
-            let band = identified_band(&gathered.subjects);
-            let omega = band.map_or_else(Vec::new, |(from, to)| log_grid(from.max(LEAST_SHARE * to), to, FREQUENCIES));
-            let last = TrialSelection::Last;
-            let responses = study_frequency_responses(&gathered.subjects, last, &omega, &options, false);
-            return Ok(mean_bode(&responses, &gathered.evidence));
+            return Ok(last_controllers(&gathered, &options));
         };
         let curves = study_learning_curves(&gathered.subjects, &options);
         Ok(learning_curve(&curves, metric, &gathered.evidence, &Units::default()))

@@ -1,0 +1,52 @@
+//! How far values may be used, as pages show it.
+
+use crate::figure::trust::{Evidence, Level, Trust};
+use crate::learning::curves::{CurvePoint, Metric};
+use maud::{Markup, html};
+use std::collections::BTreeMap;
+
+/// The trust in a quantity of a trial. The only place of the pages that asks for it.
+pub(super) fn judge(metric: Metric, point: &CurvePoint, evidence: &BTreeMap<String, Evidence>) -> Trust {
+    crate::figure::trust::trust(metric, point, point.analysis.as_ref().and_then(|analysis| evidence.get(analysis)))
+}
+
+/// The sign of a level; never alone, since a colour and a word stand beside it.
+pub(super) fn glyph(level: Level) -> &'static str {
+    match level {
+        Level::NotIdentified => "·",
+        Level::Ok => "✓",
+        Level::Read => "!",
+        Level::DoNotUse => "✕",
+    }
+}
+
+/// The class that has its colours.
+pub(super) fn class(level: Level) -> &'static str {
+    match level {
+        Level::NotIdentified => "t-none",
+        Level::Ok => "t-ok",
+        Level::Read => "t-read",
+        Level::DoNotUse => "t-not",
+    }
+}
+
+/// A level with its words.
+pub(super) fn chip(level: Level, words: &str) -> Markup {
+    html! {
+        span class={ "chip " (class(level)) } data-trust=(level.name()) {
+            span aria-hidden="true" { (glyph(level)) } " " (words)
+        }
+    }
+}
+
+/// How many of each level there are, as words.
+pub(super) fn counts(levels: &[Level]) -> Markup {
+    html! {
+        p.counts {
+            @for level in [Level::Ok, Level::Read, Level::DoNotUse, Level::NotIdentified] {
+                @let n = levels.iter().filter(|own| **own == level).count();
+                @if n > 0 || level != Level::NotIdentified { (chip(level, &format!("{n} {}", level.words()))) " " }
+            }
+        }
+    }
+}
