@@ -22,6 +22,22 @@ use serde_json::Value;
 /// The width of a figure, in pixels.
 const WHOLE: u32 = 1160;
 
+/// Members of results that people look for, in the order in which they are read.
+const FIRST: [&str; 12] = [
+    "verdict",
+    "metrics",
+    "variance_accounted_for",
+    "simulated_vaf",
+    "cost",
+    "band_hz",
+    "accounted_for",
+    "feedforward_delay_s",
+    "feedback_delay_s",
+    "weights",
+    "flatness",
+    "tests",
+];
+
 /// Requests longer than this are left to the JSON.
 const MOST_REQUEST: usize = 6000;
 
@@ -147,12 +163,22 @@ impl Found {
         fn is_told(value: &Value) -> bool {
             !matches!(value, Value::Array(items) if items.len() > 8)
         }
-        let told = fields.iter().copied().filter(|(_, value)| is_told(value));
+        let told = || fields.iter().copied().filter(|(_, value)| is_told(value));
+        let mut first: Vec<(&str, &Value)> = told().filter(|(name, _)| FIRST.contains(name)).collect();
+        first.sort_by_key(|(name, _)| FIRST.iter().position(|own| own == name));
+        // Of kinds that have none of these, everything comes first.
+        let rest: Vec<(&str, &Value)> = told().filter(|(name, _)| !FIRST.contains(name)).collect();
+        let (first, rest) = if first.is_empty() { (rest, Vec::new()) } else { (first, rest) };
         html! {
             div.sided {
                 div {
                     (card("What it found", &html! { p.files { a href={ (api) "/report" } { "JSON" } } },
-                        &values::list(told, three)))
+                        &html! {
+                            (values::list(first.into_iter(), three))
+                            @if !rest.is_empty() {
+                                details { summary { "Everything else" } (values::list(rest.into_iter(), three)) }
+                            }
+                        }))
                 }
                 div {
                     (card("Can it be trusted?", &html! {}, &html! {

@@ -1,8 +1,8 @@
 //! What every request for a page passes first.
 
-use super::frame::{Dress, THEME, is_interface, with};
-use super::problems::stands_alone;
+use super::frame::{Dress, THEME, with};
 use crate::analysis::{Code, Problem};
+use crate::api::ApiError;
 use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
@@ -15,14 +15,11 @@ const KEPT_S: u32 = 31_536_000;
 ///
 /// Posts from other sites are refused too: what a page changes is asked for by that page.
 pub(super) async fn choose_theme(request: Request, next: Next) -> Response {
-    if is_interface(request.uri().path()) {
-        return next.run(request).await;
-    }
     if request.method() == Method::POST && !is_from_here(request.headers()) {
         let problem = Problem::new(Code::Malformed, "foreign form", "the form was sent by a page of another site")
             .at("header Sec-Fetch-Site")
             .mend("Use the button on this server's own page.");
-        return stands_alone(problem, StatusCode::FORBIDDEN, request.headers());
+        return ApiError::from(problem).with_status(StatusCode::FORBIDDEN).into_response();
     }
     let query = request.uri().query().unwrap_or_default();
     let chosen = query.split('&').filter_map(|pair| pair.split_once('=')).find(|(name, _)| *name == THEME);

@@ -142,7 +142,7 @@ fn top(dress: Dress, frame: Option<&Frame>, place: Place) -> Markup {
             }
             @if let Some(frame) = frame {
                 a.button href=(frame.with("theme", Some(dress.next().name()))) data-theme-button=(dress.name()) {
-                    "Theme: " span { (dress.name()) }
+                    i { "Theme: " } span { (dress.name()) }
                 }
             }
         }

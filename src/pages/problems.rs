@@ -2,11 +2,10 @@
 
 use super::frame::{Dress, is_interface};
 use super::layout::{Head, Place, refused};
-use crate::analysis::Problem;
 use crate::api::{HttpProblem, PROBLEM_JSON};
 use axum::body::to_bytes;
 use axum::extract::Request;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::Response;
 use maud::{Markup, html};
@@ -40,21 +39,6 @@ fn kept(headers: &HeaderMap) -> HeaderMap {
 fn wants_html(headers: &HeaderMap) -> bool {
     let accepted = headers.get_all(header::ACCEPT).into_iter().filter_map(|value| value.to_str().ok());
     accepted.flat_map(|value| value.split(',')).any(|range| range.trim().starts_with("text/html"))
-}
-
-/// The answer to a request that did not come to any handler.
-pub(super) fn stands_alone(problem: Problem, status: StatusCode, headers: &HeaderMap) -> Response {
-    let Problem { type_uri, title, detail, code, location, mend } = problem;
-    let code = code.into();
-    let instance = String::new();
-    let problem = HttpProblem { type_uri, title, status: status.as_u16(), detail, instance, code, location, mend };
-    if wants_html(headers) {
-        return write(&problem, status, Dress::of(headers), HeaderMap::new());
-    }
-    let mut response = Response::new(serde_json::to_vec(&problem).unwrap_or_default().into());
-    *response.status_mut() = status;
-    response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
-    response
 }
 
 fn write(problem: &HttpProblem, status: StatusCode, dress: Dress, headers: HeaderMap) -> Response {

@@ -34,8 +34,8 @@ struct Step {
     metric: Metric,
     /// First and last values of the people who have both.
     pairs: Vec<[f64; 2]>,
-    /// The trust in each of these, with the gravest reason.
-    levels: Vec<(Level, Option<String>)>,
+    /// The trust in each of these, with its reasons.
+    levels: Vec<(Level, Vec<String>)>,
     change: Option<GroupContrast>,
     tests: usize,
 }
@@ -120,7 +120,7 @@ fn step(
         pairs.push([from, to]);
         levels.extend([first, last].map(|point| {
             let judged = judge(metric, point, evidence);
-            (judged.level, judged.because.into_iter().next())
+            (judged.level, judged.because)
         }));
     }
     Some(Step { metric, pairs, levels, change, tests })
@@ -213,7 +213,7 @@ fn basis(all: &[Told]) -> Markup {
     let tests = all.iter().flat_map(|told| &told.steps).map(|step| step.tests).max().unwrap_or(0);
     html! {
         @for metric in METRICS {
-            @let levels: Vec<&(Level, Option<String>)> = of(metric).collect();
+            @let levels: Vec<&(Level, Vec<String>)> = of(metric).collect();
             @if let Some(worst) = levels.iter().map(|(level, _)| *level).max() {
                 p {
                     (chip(worst, worst.words())) " " (capital(phrase(metric).trim_end_matches(',')))
@@ -227,21 +227,23 @@ fn basis(all: &[Told]) -> Markup {
         @if tests > 0 {
             p.muted {
                 "First and last values are those of the trials themselves; the change is the mean over people with its "
-                "95 % interval (random effects, Knapp–Hartung); p is adjusted after Holm over the "
-                (tests) " tests of a group."
+                "95 % interval (random effects, Knapp–Hartung)"
+                @if tests > 1 { "; p is adjusted after Holm over the " (tests) " tests of a group" } "."
             }
         }
     }
 }
 
-fn most_usual(levels: &[&(Level, Option<String>)], worst: Level) -> Option<(String, usize)> {
-    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-    for (level, why) in levels {
-        if let Some(why) = why.as_deref().filter(|_| *level == worst) {
-            *counts.entry(why).or_default() += 1;
-        }
+/// The reason that most values of the worst level have; where it has numbers, which differ, without them.
+fn most_usual(levels: &[&(Level, Vec<String>)], worst: Level) -> Option<(String, usize)> {
+    let mut counts: BTreeMap<&str, (usize, &str)> = BTreeMap::new();
+    for why in levels.iter().filter(|(level, _)| *level == worst).flat_map(|(_, why)| why) {
+        let words = why.split(|letter: char| letter.is_ascii_digit()).next().unwrap_or_default();
+        counts.entry(words).or_insert((0, why.as_str())).0 += 1;
     }
-    counts.into_iter().max_by_key(|(_, n)| *n).map(|(why, n)| (why.to_owned(), n))
+    let (words, (n, whole)) = counts.into_iter().max_by_key(|(_, (n, _))| *n)?;
+    let said = if n == 1 || words == whole { whole.to_owned() } else { format!("{}…", words) };
+    Some((said, n))
 }
 
 /// With a capital letter first.

@@ -3,10 +3,10 @@
 use super::frame::Frame;
 use super::grid::Grid;
 use super::layout::{Head, Place, card, missing, page as whole};
-use super::numbers::{ago, count, eight};
+use super::numbers::{count, eight};
 use super::sentences::{self, Told};
 use super::svg::Drawn;
-use super::trust;
+use super::trust::{self, symbol};
 use crate::analysis::Problem;
 use crate::analysis::ids::StudyId;
 use crate::api::{
@@ -82,6 +82,8 @@ pub(super) async fn estimators(store: &Store, study: StudyId) -> ApiResult<Vec<(
 
 /// What is drawn and told.
 struct Shown {
+    /// Estimators with how many trials each has an answer for.
+    found: Vec<(Estimator, u64)>,
     curves: StudyLearningCurves,
     told: Vec<Told>,
     grid: Grid,
@@ -89,6 +91,19 @@ struct Shown {
     bode: Option<Drawn>,
     more: Option<Drawn>,
     remarks: Vec<Remark>,
+}
+
+/// For how many trials each estimator has an answer.
+fn answers(gathered: &Gathered) -> Vec<(Estimator, u64)> {
+    let trials = || gathered.subjects.iter().flat_map(|subject| &subject.trials);
+    let of = |estimator: Estimator| {
+        let has = |trial: &&crate::learning::TrialInput| {
+            let mut all = trial.identifications.iter().chain(&trial.by_other_estimators);
+            all.any(|found| found.estimator == estimator)
+        };
+        trials().filter(has).count() as u64
+    };
+    Estimator::ALL.into_iter().map(|estimator| (estimator, of(estimator))).filter(|(_, trials)| *trials > 0).collect()
 }
 
 fn show(mut gathered: Gathered, estimator: Estimator, quantity: Metric, more: Option<Metric>) -> Shown {
@@ -101,6 +116,7 @@ fn show(mut gathered: Gathered, estimator: Estimator, quantity: Metric, more: Op
     let bode = has_any.then(|| Drawn::new(&last_controllers(&gathered, &options), WHOLE, [None, None]));
     let mut remarks = curves.remarks.clone();
     let shown = Shown {
+        found: answers(&gathered),
         told: sentences::told(&curves, &gathered.subjects, evidence, &options),
         grid: Grid::new(&curves, quantity, evidence),
         figures: SHOWN
@@ -148,11 +164,11 @@ pub(super) async fn page(
         (count(people as u64, "subject", "subjects")) " in " (count(groups as u64, "group", "groups")) " · "
         (count(trials as u64, "trial", "trials"))
         @if first.is_some() { " · estimated by " (estimator_name(estimator)) }
-        " · changed " (ago(study.updated_at))
         @if !study.description.is_empty() { br; (study.description) }
     };
     let busy: u64 = running.counts.iter().filter(|(status, _)| !status.is_final()).map(|(_, n)| n).sum();
     head.actions = html! {
+        @if trials > 0 { a.button.strong href={ "/analyses/new?study=" (id) } { "Start an analysis" } }
         @if busy > 0 { a.button href="/queue" { (count(busy, "analysis runs or waits", "analyses run or wait")) } }
     };
     let body = html! {
@@ -160,8 +176,8 @@ pub(super) async fn page(
             (no_trials(&api))
         } @else {
             (card("Who learned what", &html! {}, &sentences::markup(&shown.told)))
-            @if first.is_none() { (nothing_identified(&api, trials)) }
-            (choice(&frame, &found, estimator))
+            @if first.is_none() { (nothing_identified(id, trials)) }
+            (choice(&frame, &shown.found, estimator))
             (drawings(&frame, &api, &shown, estimator, more))
             (trust_grid(&frame, &shown, quantity))
             (table(&shown.curves, quantity))
@@ -180,15 +196,10 @@ fn no_trials(api: &str) -> Markup {
     missing("No trial yet", "A study without recordings has nothing to show.", &todo)
 }
 
-fn nothing_identified(api: &str, trials: usize) -> Markup {
+fn nothing_identified(study: StudyId, trials: usize) -> Markup {
     let why = format!("{} wait. What was measured is shown below.", count(trials as u64, "trial", "trials"));
-    let todo = html! {
-        "Identify them all from the person's own noise: "
-        code.block {
-            "curl -H 'content-type: application/json' -d '{\"kind\": \"prediction_error\"}' 'http://127.0.0.1:8080"
-            (api) "/analyses'"
-        }
-    };
+    let todo =
+        html! { a href={ "/analyses/new?study=" (study) } { "Identify them all from the person's own noise" } "." };
     missing("Nothing identified yet", &why, &todo)
 }
 
@@ -242,10 +253,11 @@ fn trust_grid(frame: &Frame, shown: &Shown, quantity: Metric) -> Markup {
             nav.choice aria-label="Quantity" {
                 @for metric in METRICS {
                     a href=(frame.with("quantity", Some(name_of(metric))))
-                        aria-current=[(metric == quantity).then_some("true")] { (title(metric)) }
+                        aria-current=[(metric == quantity).then_some("true")] title=(title(metric)) { (symbol(metric)) }
                     " "
                 }
             }
+            p { b { (title(quantity)) } }
             (shown.grid.markup(&caption))
         },
     )

@@ -5,7 +5,7 @@ use super::layout::{Head, Place, card, missing, page as whole};
 use super::numbers::{count, with_interval};
 use super::study::{estimator_name, estimators};
 use super::svg::Drawn;
-use super::trust::{chip, judge};
+use super::trust::{chip, judge, symbol};
 use crate::analysis::Problem;
 use crate::analysis::ids::SubjectId;
 use crate::api::{ApiResult, AppState, CurveQuery, FromQuery, Gathered, Id, Params, QueryText, drawing, gather};
@@ -37,19 +37,6 @@ impl FromQuery for SubjectQuery {
         let names = Estimator::ALL.map(Estimator::name).join(", ");
         let find = |text: &str| Estimator::ALL.into_iter().find(|e| e.name() == text);
         Ok(Self { estimator: query.one_of("estimator", &names, find)? })
-    }
-}
-
-/// What a quantity is called in a table.
-pub(super) fn symbol(metric: Metric) -> &'static str {
-    match metric {
-        Metric::MeanAbsError => "mean |r − y|",
-        Metric::RmsError => "rms of r − y",
-        Metric::NormFeedback => "‖Gfb‖",
-        Metric::NormFeedforwardMinusInverse => "‖Gff − G⁻¹‖",
-        Metric::NormFeedforwardPlantMinusOne => "‖Gff G − 1‖",
-        Metric::VarianceAccountedFor => "variance accounted for",
-        Metric::ControlLogDimensionlessJerk => "log dimensionless jerk",
     }
 }
 

@@ -4,9 +4,9 @@ use super::frame::Frame;
 use super::layout::{Head, Place, card, page as whole};
 use super::numbers::{ago, eight, with_interval};
 use super::study::estimator_name;
-use super::subject::{QUANTITIES, interval, symbol};
+use super::subject::{QUANTITIES, interval};
 use super::svg::{Drawn, View};
-use super::trust::{chip, judge};
+use super::trust::{chip, judge, symbol};
 use super::warnings;
 use crate::analysis::ids::{AnalysisId, TrialId};
 use crate::analysis::{Problem, Report};
@@ -154,6 +154,7 @@ pub(super) async fn page(
         (three(seconds)) " s at " (three(1.0 / record.sample_time_s)) " Hz · sha256 " code { (eight(&record.sha256)) }
     };
     head.actions = html! {
+        a.button.strong href={ "/analyses/new?trial=" (id) } { "Identify" }
         @for (trial, key, sign) in [(&before, "before", "‹ "), (&after, "after", "› ")] {
             @if let Some(trial) = trial {
                 a.button rel=(if key == "before" { "prev" } else { "next" }) data-trial=(key)
@@ -230,7 +231,9 @@ fn panel(
                 p.muted { (recording.1) "; |y| up to " (three(record.max_abs_output)) ". " (check.unwrap_or_default()) }
             }
             @for metric in QUANTITIES { (line(point, metric, judged)) }
-            @if point.analysis.is_some() { (line(point, Metric::VarianceAccountedFor, judged)) }
+            @if point.value(Metric::VarianceAccountedFor).is_some() {
+                (line(point, Metric::VarianceAccountedFor, judged))
+            }
         }
         @if with_answer.is_empty() {
             p { "Nothing is identified from this trial yet." }

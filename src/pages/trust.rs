@@ -10,6 +10,19 @@ pub(super) fn judge(metric: Metric, point: &CurvePoint, evidence: &BTreeMap<Stri
     crate::figure::trust::trust(metric, point, point.analysis.as_ref().and_then(|analysis| evidence.get(analysis)))
 }
 
+/// What a quantity is called in a table.
+pub(super) fn symbol(metric: Metric) -> &'static str {
+    match metric {
+        Metric::MeanAbsError => "mean |r − y|",
+        Metric::RmsError => "rms of r − y",
+        Metric::NormFeedback => "‖Gfb‖",
+        Metric::NormFeedforwardMinusInverse => "‖Gff − G⁻¹‖",
+        Metric::NormFeedforwardPlantMinusOne => "‖Gff G − 1‖",
+        Metric::VarianceAccountedFor => "variance accounted for",
+        Metric::ControlLogDimensionlessJerk => "log dimensionless jerk",
+    }
+}
+
 /// The sign of a level; never alone, since a colour and a word stand beside it.
 pub(super) fn glyph(level: Level) -> &'static str {
     match level {

@@ -92,7 +92,7 @@ async fn a_sentence_whose_numbers_are_not_to_be_used_is_no_statement() {
     // The command alone tells no feedback: six values of ‖Gfb‖, none to be used.
     seen.has("No statement about the gain of the feedback, ‖Gfb‖: 6 of the 6 values");
     seen.has("the command alone hardly tells feedback from feedforward");
-    seen.has("6 do not use");
+    page(&server, &format!("/studies/{}?quantity=norm_feedback", lab.study)).await.has("6 do not use");
     server.finish().await;
 }
 
