@@ -16,6 +16,9 @@ use std::collections::BTreeMap;
 /// What the sentences are about, in their order.
 const METRICS: [Metric; 3] = [Metric::MeanAbsError, Metric::NormFeedforwardPlantMinusOne, Metric::NormFeedback];
 
+/// Fewer people than this are no group to speak of.
+const LEAST_PEOPLE: usize = 3;
+
 /// What a quantity is called within a sentence.
 pub(super) fn phrase(metric: Metric) -> &'static str {
     match metric {
@@ -149,7 +152,15 @@ impl Step {
                 " values (means " (three(from)) " → " (three(to)) ") are not to be used. "
             };
         }
+        if n < LEAST_PEOPLE {
+            return html! {
+                b { "No statement" } " about " (what.trim_end_matches(',')) ": of " (LEAST_PEOPLE)
+                " people who are needed, " (n) " " (if n == 1 { "has" } else { "have" })
+                " both a first and a last value (means " (three(from)) " → " (three(to)) "). "
+            };
+        }
         let mean = self.change.as_ref().and_then(|change| change.mean.as_ref());
+        let named = if ends.is_some() { what.to_owned() } else { capital(what) };
         let coefficient = mean.and_then(|mean| mean.coefficients.first());
         let is_told = coefficient.is_some_and(|c| c.interval95[0] > 0.0 || c.interval95[1] < 0.0);
         let verb = match (is_told, to < from) {
@@ -160,7 +171,7 @@ impl Step {
         let adjusted = self.change.as_ref().and_then(|change| change.p_adjusted);
         html! {
             @if let Some([first, last]) = ends { "from " (first) " to " (last) " " }
-            (what) " " (verb) " from " (three(from)) " to " (three(to)) " ("
+            (named) " " (verb) " from " (three(from)) " to " (three(to)) " ("
             @if let Some(share) = share(to - from, from) { b { (share) } ", " }
             @if let Some(c) = coefficient { "mean change " (with_interval(c.value, Some(c.interval95))) ", " }
             "n = " (n)

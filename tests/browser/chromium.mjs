@@ -91,6 +91,9 @@ class Page {
     const { errorText } = await this.send('Page.navigate', { url });
     if (errorText) throw new Error(`${url}: ${errorText}`);
     await this.until(() => this.loads > before, `${url} is loaded`);
+    // The event may have been that of a page before.
+    const path = JSON.stringify(new URL(url).pathname);
+    await this.until(`document.readyState === 'complete' && location.pathname === ${path}`, `${url} is there`);
   }
 
   /** The value of an expression of the page. */

@@ -31,20 +31,24 @@ const found = await places();
 const last = found.trials.at(-1).id;
 const nobody = '0199d2f4-7a3c-7bb0-8a41-2f6a7e1c9d10';
 const pages = [
-  ['empty-home', empty, '/'], ['empty-queue', empty, '/queue'], ['no-such-study', empty, `/studies/${nobody}`],
+  ['empty-home', empty, '/'], ['empty-start', empty, '/analyses/new'], ['empty-queue', empty, '/queue'], ['no-such-study', empty, `/studies/${nobody}`],
   ['no-such-page', empty, '/nowhere'], ['not-an-id', empty, '/trials/7'],
   ['home', filled, '/'], ['queue', filled, '/queue'],
   ['study', filled, `/studies/${found.first}`], ['study-pool', filled, `/studies/${found.first}?estimator=ssid&quantity=norm_feedback&figure=norm_feedback`],
   ['study-two-stimuli', filled, `/studies/${found.second}`],
   ['subject', filled, `/subjects/${found.subject}`], ['trial', filled, `/trials/${last}`],
   ['trial-zoomed', filled, `/trials/${last}?from=20&to=25`],
+  ['start', filled, `/analyses/new?kind=ssid&trial=${last}`], ['start-study', filled, `/analyses/new?study=${found.first}`],
   ['analysis-pool', filled, `/analyses/${found.pool}`], ['analysis-error', filled, `/analyses/${found.error}`],
 ];
 const isRefused = (name) => name.startsWith('no');
 
 const browser = new Browser();
 const findings = [];
-const say = (name, what) => { findings.push(`${name}: ${what}`); };
+const say = (name, what) => {
+  findings.push(`${name}: ${what}`);
+  console.error(`${name}: ${what}`);
+};
 
 /** Everything that must hold of a page as it stands. */
 const judge = async (page, name, origin) => {
@@ -155,7 +159,8 @@ for (const width of [1280, 400]) {
 // ---- a running analysis is followed to its end without loading the page again; another is cancelled
 {
   const page = await browser.page(1280, 'light');
-  const spec = { pool: { name: 'zhang2015_appendix_c', thin: { poles: 4, zeros: 4, damping: 3, gains: 1 } } };
+  const thinned = (poles, damping, gains) => ({ pool: { name: 'zhang2015_appendix_c', thin: { poles, zeros: poles, damping, gains } } });
+  const spec = thinned(12, 6, 3);
   const made = await post('/v1/analyses', { kind: 'ssid', inputs: { trial: last }, spec });
   await page.go(`${filled}/analyses/${made.id}`);
   await page.value('window.mark = 7');
@@ -165,8 +170,7 @@ for (const width of [1280, 400]) {
   await judge(page, 'analysis-followed', filled);
   writeFileSync(join(out, 'analysis-followed.png'), await page.picture());
 
-  const full = { pool: 'zhang2015_appendix_c' };
-  const long = await post('/v1/analyses', { kind: 'ssid', inputs: { trial: found.trials[0].id }, spec: full });
+  const long = await post('/v1/analyses', { kind: 'ssid', inputs: { trial: found.trials[0].id }, spec: thinned(4, 3, 1) });
   await page.go(`${filled}/analyses/${long.id}`);
   await page.until("document.querySelector('.status').textContent === 'running' && document.querySelector('progress')", 'it runs');
   writeFileSync(join(out, 'analysis-running.png'), await page.picture());

@@ -4,6 +4,7 @@ mod browser;
 mod budget;
 mod safety;
 mod shown;
+mod start;
 
 use crate::api::harness::{Lab, TestServer};
 use serde_json::json;

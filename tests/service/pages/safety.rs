@@ -42,6 +42,8 @@ async fn names_with_markup_in_every_field_stay_text() {
             assert!(seen.text.contains("&lt;script&gt;alert(1)&lt;/script&gt;"), "{path} does not name it at all");
         }
     }
+    // One person is no group.
+    page(&server, &format!("/studies/{study}")).await.has("of 3 people who are needed, 1 has both a first and a last");
     server.finish().await;
 }
 
