@@ -127,13 +127,21 @@ fn of_the_user() -> Option<PathBuf> {
     Some(folders.cache_dir().join("volition"))
 }
 
+/// The address, if it may be served.
+///
+/// # Errors
+/// [`ConfigError::NotLoopback`] for any other address.
+pub fn loopback(address: SocketAddr) -> Result<SocketAddr, ConfigError> {
+    if address.ip().is_loopback() { Ok(address) } else { Err(ConfigError::NotLoopback(address)) }
+}
+
 impl ServeArgs {
     /// The address, if it may be served.
     ///
     /// # Errors
     /// [`ConfigError::NotLoopback`] for any other address.
     pub fn checked_listen(&self) -> Result<SocketAddr, ConfigError> {
-        if self.listen.ip().is_loopback() { Ok(self.listen) } else { Err(ConfigError::NotLoopback(self.listen)) }
+        loopback(self.listen)
     }
 
     /// The limits on uploads.

@@ -227,12 +227,12 @@ impl FromQuery for AnalysisQuery {
 }
 
 /// A checked request, ready to be queued.
-pub(super) struct Checked {
+pub(crate) struct Checked {
     pub(crate) new: NewAnalysis,
 }
 
 /// Checks a request; specs can be large grids, so this is work for a blocking thread.
-pub(super) fn check(request: &Request) -> Result<Checked, Problem> {
+pub(crate) fn check(request: &Request) -> Result<Checked, Problem> {
     let plan = Plan::parse(request)?;
     let canonical = plan.request();
     let references = plan.references();
@@ -355,7 +355,7 @@ pub(crate) async fn read(analysis: Named<AnalysisView>) -> ApiResult<Response> {
 }
 
 /// The report's text, or why there is none.
-pub(super) async fn report_text(state: &AppState, id: AnalysisId) -> ApiResult<String> {
+pub(crate) async fn report_text(state: &AppState, id: AnalysisId) -> ApiResult<String> {
     if let Some(text) = state.store.report_json(id).await? {
         return Ok(text);
     }

@@ -4,7 +4,7 @@ use super::extract::{FromQuery, QueryText, off_thread};
 use super::problem::{ApiResult, unless_missing};
 use super::state::AppState;
 use crate::analysis::estimates::{About, identification};
-use crate::analysis::ids::{PlantId, StudyId, SubjectId};
+use crate::analysis::ids::{PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Analysis as _, Code, Kind, Problem, prediction_error, ssid, two_stimulus};
 use crate::learning::inputs::{Estimator, Identification, PlantName, Remark, SubjectInput, TrialInput};
 use crate::learning::{CurveOptions, time_domain::TimeDomainMetrics};
@@ -62,7 +62,7 @@ pub(super) fn estimator(query: &mut QueryText) -> Result<Option<Estimator>, Prob
 }
 
 /// The kind of analysis that an estimator comes from.
-fn kind_of(estimator: Estimator) -> Kind {
+pub(crate) fn kind_of(estimator: Estimator) -> Kind {
     match estimator {
         Estimator::Ssid | Estimator::SsidRefined => ssid::Plan::KIND,
         Estimator::TwoStimulus => two_stimulus::Plan::KIND,
@@ -86,8 +86,22 @@ impl FromQuery for CurveQuery {
 }
 
 impl CurveQuery {
+    /// All trials, by this estimator.
+    #[must_use]
+    pub(crate) fn by(estimator: Estimator) -> Self {
+        Self {
+            plant: None,
+            session: None,
+            include_divergent: false,
+            estimator,
+            joint: false,
+            spec: None,
+            trim: CurveOptions::default().trim,
+        }
+    }
+
     /// What `learning` is asked for.
-    pub(super) fn options(&self) -> CurveOptions {
+    pub(crate) fn options(&self) -> CurveOptions {
         CurveOptions {
             include_divergent: self.include_divergent,
             estimator: self.estimator,
@@ -99,13 +113,13 @@ impl CurveQuery {
 }
 
 /// What was gathered.
-pub(super) struct Gathered {
+pub(crate) struct Gathered {
     pub(crate) subjects: Vec<SubjectInput>,
     pub(crate) remarks: Vec<Remark>,
 }
 
 /// The trials of a study that the query asks for, with what was identified from them.
-pub(super) async fn gather(
+pub(crate) async fn gather(
     state: &AppState,
     study: StudyId,
     subject: Option<Subject>,
@@ -137,12 +151,7 @@ pub(super) async fn gather(
             .mend("Ask for estimator=prediction_error, or leave it out.")
             .into());
     }
-    let mut reports = Vec::new();
-    for estimator in Estimator::ALL {
-        let joint = query.joint && estimator == query.estimator;
-        let of_kind = state.store.reports_of_trials(&ids, kind_of(estimator), joint).await?;
-        reports.extend(of_kind.into_iter().map(|report| (estimator, report)));
-    }
+    let reports = reports(state, &ids, query).await?;
     let shown = query.estimator;
     let plants = everything(|page| state.store.plants(study, page), |plant| plant.id.0).await?;
     let subjects = match subject {
@@ -167,6 +176,30 @@ pub(super) async fn gather(
         }
     }
     Ok(gathered)
+}
+
+/// What was found of these trials, by estimator.
+async fn reports(state: &AppState, ids: &[TrialId], query: &CurveQuery) -> ApiResult<Vec<(Estimator, TrialReport)>> {
+    let mut reports = Vec::new();
+    for estimator in Estimator::ALL {
+        let joint = query.joint && estimator == query.estimator;
+        let of_kind = state.store.reports_of_trials(ids, kind_of(estimator), joint).await?;
+        reports.extend(of_kind.into_iter().map(|report| (estimator, report)));
+    }
+    Ok(reports)
+}
+
+/// One trial, with what was identified from it.
+pub(crate) async fn gather_trial(
+    state: &AppState,
+    trial: TrialRecord,
+    subject: Subject,
+    plant: Plant,
+    query: &CurveQuery,
+) -> ApiResult<Gathered> {
+    let reports = reports(state, &[trial.id], query).await?;
+    let shown = query.estimator;
+    Ok(off_thread(move || assemble(vec![subject], vec![plant], vec![trial], reports, shown)).await??)
 }
 
 /// Every row of a list.

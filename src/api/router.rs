@@ -82,10 +82,19 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(docs::read))
 }
 
-/// The whole service.
+/// The whole interface, without pages.
 pub fn router(state: AppState) -> Router {
+    router_with(Router::new(), state)
+}
+
+/// The interface with other routes beside its own, behind the same guard.
+pub(crate) fn router_with(beside: Router<AppState>, state: AppState) -> Router {
     let (router, _) = routes().split_for_parts();
-    router.merge(docs::pages()).layer(axum::middleware::from_fn_with_state(state.clone(), guard)).with_state(state)
+    router
+        .merge(docs::pages())
+        .merge(beside)
+        .layer(axum::middleware::from_fn_with_state(state.clone(), guard))
+        .with_state(state)
 }
 
 /// The OpenAPI document: the operations as the routes say, the schemas as [`schema`] says.

@@ -6,11 +6,13 @@ pub mod story;
 pub mod tables;
 
 use super::import::progress_bar;
+use super::serve::{self, Served};
 use super::{Answer, ask};
 use crate::analysis::ids::{StudyId, TrialId};
 use crate::analysis::report::sha256_json;
 use crate::analysis::{Plan, Request};
-use crate::config::CacheArgs;
+use crate::api::Limits;
+use crate::config::{CacheArgs, DatabaseArgs, loopback};
 use crate::jobs::Status;
 use crate::learning::inputs::Estimator;
 use crate::learning::{StudyComparison, StudyLearningCurves};
@@ -24,6 +26,7 @@ use indicatif::ProgressBar;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use std::io::Write;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -58,6 +61,12 @@ pub struct DemoArgs {
     /// Write the story as a page too, which any browser shows.
     #[arg(long, value_name = "FILE")]
     pub html: Option<PathBuf>,
+    /// Serve the study at the end, and say where a browser finds it.
+    #[arg(long)]
+    pub serve: bool,
+    /// Address and port to serve it on; loopback only.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080", env = "VOLITION_LISTEN")]
+    pub listen: SocketAddr,
     /// Compute threads; by default one for each processor.
     #[arg(long, value_name = "N")]
     pub compute_threads: Option<usize>,
@@ -72,6 +81,8 @@ pub struct DemoArgs {
 /// # Errors
 /// When the database holds studies already (without `--force`) or fails, or the person interrupts.
 pub async fn demo(args: &DemoArgs) -> anyhow::Result<ExitCode> {
+    // Said before the work and not after it.
+    loopback(args.listen)?;
     let (folder, path) = match &args.database {
         Some(path) => (None, path.clone()),
         None => {
@@ -86,7 +97,17 @@ pub async fn demo(args: &DemoArgs) -> anyhow::Result<ExitCode> {
         outcome = run(args, &store, &mut out) => outcome,
         _ = tokio::signal::ctrl_c() => Err(anyhow::anyhow!("interrupted")),
     };
+    let newest = store.study_overviews(1).await;
     store.close().await;
+    if let (Ok(_), Ok(newest), true) = (&outcome, &newest, args.serve) {
+        let served = Served {
+            address: loopback(args.listen)?,
+            limits: Limits::default(),
+            worker: Some(WorkerSettings::default()),
+            place: newest.first().map_or_else(|| "/".to_owned(), |newest| format!("/studies/{}", newest.study.id)),
+        };
+        serve::run(served, &DatabaseArgs { database: path }, &args.cache).await?;
+    }
     drop(folder);
     outcome
 }

@@ -1,12 +1,14 @@
 //! `volition serve`, `worker` and `migrate`: the parts put together.
 
-use crate::api::{self, AppState};
+use crate::api::{AppState, Limits};
 use crate::config::{CacheArgs, DatabaseArgs, ServeArgs, WorkerArgs};
 use crate::jobs::Status;
+use crate::pages;
 use crate::store::{Store, StoreResult};
-use crate::worker::{Analyses, Worker};
+use crate::worker::{Analyses, Worker, WorkerSettings};
 use anyhow::Context as _;
 use std::io::Write as _;
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -18,7 +20,7 @@ const CONNECTIONS_DRAIN: Duration = Duration::from_secs(10);
 /// Pause between looks at the queue of a worker that stops when it is idle.
 const IDLE_POLL: Duration = Duration::from_millis(200);
 
-/// Serves the API until SIGINT or SIGTERM, then finishes requests and drains the worker.
+/// Serves pages and API until SIGINT or SIGTERM, then finishes requests and drains the worker.
 ///
 /// # Errors
 /// Settings that cannot be used, a database that cannot be opened, an address that cannot be listened on.
@@ -28,11 +30,35 @@ pub async fn serve(
     worker: &WorkerArgs,
     cache: &CacheArgs,
 ) -> anyhow::Result<()> {
-    let address = serve.checked_listen()?;
-    let limits = serve.limits()?;
+    let served = Served {
+        address: serve.checked_listen()?,
+        limits: serve.limits()?,
+        worker: (!serve.no_worker).then(|| worker.settings()),
+        place: "/".to_owned(),
+    };
+    run(served, database, cache).await
+}
+
+/// What is served, and how.
+pub(crate) struct Served {
+    /// Where it listens; on the loopback interface.
+    pub(crate) address: SocketAddr,
+    /// What a request may ask.
+    pub(crate) limits: Limits,
+    /// The worker inside; `None` for none.
+    pub(crate) worker: Option<WorkerSettings>,
+    /// The page that is named to whoever started it.
+    pub(crate) place: String,
+}
+
+/// Serves a database until SIGINT or SIGTERM.
+pub(crate) async fn run(served: Served, database: &DatabaseArgs, cache: &CacheArgs) -> anyhow::Result<()> {
+    let Served { address, limits, worker, place } = served;
     let store = open(database).await?;
     let pools = cache.pools(Some(&database.database));
-    let worker = Worker::new(store.clone(), Arc::new(Analyses::new(Arc::clone(&pools))), worker.settings())?;
+    let embedded = worker.is_some();
+    let analyses = Arc::new(Analyses::new(Arc::clone(&pools)));
+    let worker = Worker::new(store.clone(), analyses, worker.unwrap_or_default())?;
     let listener = TcpListener::bind(address).await.with_context(|| format!("cannot listen on {address}"))?;
     let address = listener.local_addr()?;
 
@@ -41,14 +67,14 @@ pub async fn serve(
         AppState::new(store.clone()).with_limits(limits).with_cache(pools.counters()).with_shutdown(shutdown.clone());
     let listening = shutdown.clone();
     let server = tokio::spawn(async move {
-        axum::serve(listener, api::router(state)).with_graceful_shutdown(listening.cancelled_owned()).await
+        axum::serve(listener, pages::router(state)).with_graceful_shutdown(listening.cancelled_owned()).await
     });
-    // Scripts wait for this line and read the port from it.
-    writeln!(std::io::stdout(), "volition listens on http://{address}")?;
+    // Scripts wait for the first line and read the port from it; both go out at once, since they may read no more.
+    let said = format!("volition listens on http://{address}\nTo look at in a browser: http://{address}{place}\n");
+    std::io::stdout().write_all(said.as_bytes())?;
     tracing::info!(%address, database = %database.database.display(), "serving");
 
     let working = shutdown.clone();
-    let embedded = !serve.no_worker;
     let work = async {
         if embedded {
             worker.run(working).await;

@@ -25,6 +25,7 @@ mod leases;
 mod library;
 mod nouns;
 mod open;
+mod overviews;
 mod passages;
 mod plants;
 mod records;

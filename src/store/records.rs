@@ -78,6 +78,27 @@ pub struct Study {
     pub updated_at: OffsetDateTime,
 }
 
+/// A study with what is in it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StudyOverview {
+    /// The study.
+    pub study: Study,
+    /// Its subjects.
+    pub subjects: u64,
+    /// Their trials.
+    pub trials: u64,
+    /// How many of the trials an analysis has succeeded for.
+    pub analysed: u64,
+    /// Analyses that wait.
+    pub queued: u64,
+    /// Analyses that a worker computes.
+    pub running: u64,
+    /// Analyses that failed.
+    pub failed: u64,
+    /// When it or anything in it last changed.
+    pub changed_at: OffsetDateTime,
+}
+
 /// Changes to a study; `None` leaves a field as it is.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct StudyPatch {

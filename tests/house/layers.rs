@@ -65,6 +65,8 @@ const ARROWS: &[(&str, &[&str])] = &[
             "trial", "trust",
         ],
     ),
+    // What a browser shows of the same: beside the interface, and never asked by it. Its own files, its own words.
+    ("pages", &["analysis", "api", "figure", "jobs", "learning", "num", "store"]),
     ("app", &["*"]),
     ("cli", &["*"]),
     ("config", &["*"]),

@@ -9,6 +9,7 @@ mod property;
 mod api;
 mod clients;
 mod jobs;
+mod pages;
 mod process;
 mod store;
 mod worker;

@@ -9,7 +9,9 @@ use volition::store::{Page, Store};
 const ALL: Page = Page { after: None, limit: 100 };
 
 fn args(seed: u64, force: bool, html: Option<PathBuf>) -> DemoArgs {
-    DemoArgs { database: None, force, seed, subjects: 2, html, compute_threads: None, cache: CacheArgs::default() }
+    let (listen, cache) = ("127.0.0.1:0".parse().unwrap(), CacheArgs::default());
+    let (database, serve, compute_threads) = (None, false, None);
+    DemoArgs { database, force, seed, subjects: 2, html, serve, listen, compute_threads, cache }
 }
 
 async fn text(store: &Store, seed: u64, force: bool, html: Option<PathBuf>) -> String {

@@ -7,7 +7,7 @@ mod query;
 pub(super) use body::{Encoding, encoding, media_type, read_body, unsupported};
 pub(super) use json::{Integer, Json, MergePatch, from_json, from_value};
 pub(super) use json::{or_default, present};
-pub(super) use query::{FromQuery, Id, Params, QueryText};
+pub(crate) use query::{FromQuery, Id, Params, QueryText};
 
 use super::problem::{ApiResult, internal};
 use axum::http::{HeaderMap, HeaderName};
@@ -26,7 +26,7 @@ pub(super) fn header_text(headers: &HeaderMap, name: &HeaderName) -> String {
 }
 
 /// Runs blocking or long work away from the threads that serve requests.
-pub(super) async fn off_thread<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> ApiResult<T> {
+pub(crate) async fn off_thread<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> ApiResult<T> {
     match tokio::task::spawn_blocking(work).await {
         Ok(value) => Ok(value),
         Err(error) => {

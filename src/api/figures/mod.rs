@@ -1,9 +1,9 @@
 //! Figures of stored things, drawn on the server.
 
-pub(super) mod of_analysis;
+pub(crate) mod of_analysis;
 pub(super) mod of_queue;
-pub(super) mod of_study;
-pub(super) mod of_trial;
+pub(crate) mod of_study;
+pub(crate) mod of_trial;
 mod query;
 
 pub(super) use query::FigureQuery;
@@ -103,6 +103,20 @@ fn unchanged(headers: &HeaderMap, tag: &ETag) -> Option<Response> {
     is_known(headers, tag).then(|| not_modified(tag))
 }
 
+/// Does work that draws, off the threads that serve requests; few at once.
+pub(crate) async fn drawing<T: Send + 'static>(
+    state: &AppState,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> ApiResult<T> {
+    let Ok(permit) = Arc::clone(&state.figures).acquire_owned().await else { return Err(internal().into()) };
+    off_thread(move || {
+        // Held until the drawing is done, also where the client went away meanwhile.
+        let _permit = permit;
+        work()
+    })
+    .await
+}
+
 /// Answers with a figure, which is made and drawn off the threads that serve requests; few at once. Its tag, unless it
 /// is known, is that of its numbers.
 async fn answer(
@@ -113,11 +127,8 @@ async fn answer(
     figure: impl FnOnce() -> Result<Figure, Problem> + Send + 'static,
 ) -> ApiResult<Response> {
     query.check()?;
-    let Ok(permit) = Arc::clone(&state.figures).acquire_owned().await else { return Err(internal().into()) };
     let known = headers.clone();
-    let drawn = off_thread(move || {
-        // Held until the drawing is done, also where the client went away meanwhile.
-        let _permit = permit;
+    let drawn = drawing(state, move || {
         let figure = figure()?;
         let tag = match tag {
             Some(tag) => tag,

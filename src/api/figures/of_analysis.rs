@@ -26,6 +26,8 @@ use crate::figure::of::poles::{self, poles};
 use crate::figure::of::response::{self, response};
 use crate::figure::of::return_difference::{self, return_difference};
 use crate::figure::of::simulated::{self, simulated};
+use crate::store::AnalysisRecord;
+use crate::trial::Trial;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
@@ -181,27 +183,70 @@ pub(crate) async fn read(
     let figure = move || {
         let report: Report = serde_json::from_str(&text)
             .map_err(|error| Problem::new(Code::Internal, "unreadable report", error.to_string()))?;
-        let found = match (name, &about.first, &trial) {
-            (simulated::NAME, Some(first), Some(trial)) => {
-                simulated(&report, trial, &first.origin(), about.plant.as_ref())
-            }
-            (response::NAME, ..) => response(&report, &about.subject),
-            (poles::NAME, ..) => poles(&report, &about.subject),
-            (near_optimal::NAME, ..) => near_optimal(&report, &about.subject),
-            (cost::NAME, ..) => cost(&report, &inputs, &about.subject),
-            (return_difference::NAME, ..) => return_difference(&report, &inputs, &about.subject),
-            (compensator::NAME, ..) => compensator(&report, &about.subject),
-            (own, ..) if DESIGN.iter().any(|one| one.name == own) => input_design(&report, own, &about.subject),
-            (own, ..) if EXCITATION.iter().any(|one| one.name == own) => excitation(&report, own, &about.subject),
-            _ => {
-                let sample_time_s = about.first.as_ref().map(|first| first.record.sample_time_s);
-                let (subject, trials, plant) = (&*about.subject, &*about.trials, about.plant.as_ref());
-                bode(&report, &Origin { subject, trials, plant, sample_time_s })
-            }
-        };
-        found.map_err(|error| problem(&error))
+        make(name, &report, &inputs, &about, trial.as_ref())
     };
     answer(&state, &headers, query, None, figure).await
+}
+
+/// A figure of a report by its name.
+fn make(
+    name: &str,
+    report: &Report,
+    inputs: &Value,
+    about: &About,
+    trial: Option<&Trial>,
+) -> Result<Figure, Problem> {
+    let subject = &*about.subject;
+    let found = match (name, &about.first, trial) {
+        (simulated::NAME, Some(first), Some(trial)) => simulated(report, trial, &first.origin(), about.plant.as_ref()),
+        (response::NAME, ..) => response(report, subject),
+        (poles::NAME, ..) => poles(report, subject),
+        (near_optimal::NAME, ..) => near_optimal(report, subject),
+        (cost::NAME, ..) => cost(report, inputs, subject),
+        (return_difference::NAME, ..) => return_difference(report, inputs, subject),
+        (compensator::NAME, ..) => compensator(report, subject),
+        (own, ..) if DESIGN.iter().any(|one| one.name == own) => input_design(report, own, subject),
+        (own, ..) if EXCITATION.iter().any(|one| one.name == own) => excitation(report, own, subject),
+        _ => {
+            let sample_time_s = about.first.as_ref().map(|first| first.record.sample_time_s);
+            let (trials, plant) = (&*about.trials, about.plant.as_ref());
+            bode(report, &Origin { subject, trials, plant, sample_time_s })
+        }
+    };
+    found.map_err(|error| problem(&error))
+}
+
+/// All figures that a report can be drawn as, each made when it is asked for.
+pub(crate) struct Drawable {
+    names: Vec<&'static str>,
+    inputs: Value,
+    about: About,
+    trial: Option<Trial>,
+}
+
+impl Drawable {
+    /// What the analysis is about: a trial, or several.
+    pub(crate) fn subject(&self) -> &str {
+        &self.about.subject
+    }
+
+    /// The figures; those that the report has nothing for are left out.
+    pub(crate) fn figures(&self, report: &Report) -> Vec<Figure> {
+        let made = |name: &&str| make(name, report, &self.inputs, &self.about, self.trial.as_ref()).ok();
+        self.names.iter().filter_map(made).collect()
+    }
+}
+
+/// What the figures of an analysis are made from.
+pub(crate) async fn drawable(state: &AppState, record: &AnalysisRecord) -> ApiResult<Drawable> {
+    let about = About::read(state, record.request.clone()).await?;
+    let names: Vec<&'static str> =
+        offered(record.kind, about.first.is_some()).iter().map(|offered| offered.name).collect();
+    let trial = match &about.first {
+        Some(first) if names.contains(&simulated::NAME) => Some(state.store.trial_signals(first.record.id).await?),
+        _ => None,
+    };
+    Ok(Drawable { names, inputs: record.request.inputs.clone(), about, trial })
 }
 
 fn problem(error: &Unreadable) -> Problem {

@@ -7,7 +7,7 @@ use crate::analysis::ids::StudyId;
 use crate::api::etag::{self, IfNoneMatch};
 use crate::api::extract::{FromQuery, Id, Params, QueryText};
 use crate::api::frequency_responses::trial_selection;
-use crate::api::learning_inputs::{CurveQuery, everything, gather};
+use crate::api::learning_inputs::{CurveQuery, Gathered, everything, gather};
 use crate::api::named::Named;
 use crate::api::problem::ApiResult;
 use crate::api::state::AppState;
@@ -22,8 +22,8 @@ use crate::figure::of::scatter::{self, scatter};
 use crate::figure::of::trust_grid::{self, trust_grid};
 use crate::learning::bode::identified_band;
 use crate::learning::curves::Metric;
-use crate::learning::{TrialSelection, study_frequency_responses, study_learning_curves};
-use crate::store::{Plant, SignalUnits};
+use crate::learning::{CurveOptions, TrialSelection, study_frequency_responses, study_learning_curves};
+use crate::store::SignalUnits;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
@@ -65,13 +65,21 @@ impl FromQuery for GridQuery {
 }
 
 /// The units of a study's curves: those that all of its plants share.
-fn common_units(plants: &[Plant]) -> Units {
+pub(crate) async fn units_of_study(state: &AppState, study: StudyId) -> ApiResult<Units> {
+    let plants = everything(|page| state.store.plants(study, page), |plant| plant.id.0).await?;
     let shared = |of: fn(&SignalUnits) -> &Option<String>| {
         let mut all = plants.iter().map(|plant| of(&plant.units));
         let first = all.next()?.clone();
         first.filter(|first| all.all(|own| own.as_ref() == Some(first)))
     };
-    units_of(&SignalUnits { output: shared(|own| &own.output), control: shared(|own| &own.control) })
+    Ok(units_of(&SignalUnits { output: shared(|own| &own.output), control: shared(|own| &own.control) }))
+
+/// The mean controllers of the groups' identified trials, the first or the last of each person, over the band that was
+/// identified.
+pub(crate) fn mean_controllers(gathered: &Gathered, trial: TrialSelection, options: &CurveOptions) -> Figure {
+    let band = identified_band(&gathered.subjects);
+    let omega = band.map_or_else(Vec::new, |(from, to)| log_grid(from.max(LEAST_SHARE * to), to, FREQUENCIES));
+    mean_bode(&study_frequency_responses(&gathered.subjects, trial, &omega, options, false))
 }
 
 /// Names a figure of a study in the path.
@@ -124,17 +132,13 @@ pub(crate) async fn read(
     }
     let gathered = gather(&state, id, None, None, &curves).await?;
     let options = curves.options();
-    let plants = everything(|page| state.store.plants(id, page), |plant| plant.id.0).await?;
-    let units = common_units(&plants);
+    let units = units_of_study(&state, id).await?;
     let figure = move || {
         if name == scatter::NAME {
             return Ok(scatter(&study_learning_curves(&gathered.subjects, &options), &units));
         }
         let Some(metric) = metric else {
-            let band = identified_band(&gathered.subjects);
-            let omega = band.map_or_else(Vec::new, |(from, to)| log_grid(from.max(LEAST_SHARE * to), to, FREQUENCIES));
-            let responses = study_frequency_responses(&gathered.subjects, trial, &omega, &options, false);
-            return Ok(mean_bode(&responses));
+            return Ok(mean_controllers(&gathered, trial, &options));
         };
         let curves = study_learning_curves(&gathered.subjects, &options);
         Ok(learning_curve(&curves, metric, &units))

@@ -39,15 +39,15 @@ pub(crate) struct TrialFigurePath {
 }
 
 /// A trial with what its figures name.
-pub(super) struct Shown {
-    pub(super) record: TrialRecord,
-    pub(super) subject: Subject,
-    pub(super) plant: Plant,
-    pub(super) study: Study,
+pub(crate) struct Shown {
+    pub(crate) record: TrialRecord,
+    pub(crate) subject: Subject,
+    pub(crate) plant: Plant,
+    pub(crate) study: Study,
 }
 
 impl Shown {
-    pub(super) async fn read(state: &AppState, id: TrialId) -> ApiResult<Self> {
+    pub(crate) async fn read(state: &AppState, id: TrialId) -> ApiResult<Self> {
         let record = state.store.trial(id).await?;
         let subject = state.store.subject(record.subject).await?;
         let plant = state.store.plant(record.plant).await?;
@@ -55,7 +55,7 @@ impl Shown {
         Ok(Self { record, subject, plant, study })
     }
 
-    pub(super) fn origin(&self) -> TrialOrigin {
+    pub(crate) fn origin(&self) -> TrialOrigin {
         TrialOrigin {
             subject: self.subject.code.clone(),
             number: self.record.number,

@@ -11,8 +11,9 @@ use std::sync::Arc;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
-use volition::api::{AppState, Limits, router};
+use volition::api::{AppState, Limits};
 use volition::jobs::Status;
+use volition::pages::router;
 use volition::store::{Page, Store};
 use volition::worker::{Analyses, Worker, WorkerSettings};
 

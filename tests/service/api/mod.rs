@@ -9,7 +9,7 @@ mod events;
 mod excitation;
 mod figures;
 mod gain_fit;
-mod harness;
+pub mod harness;
 mod inverse;
 mod learning;
 mod limits;

@@ -1,0 +1,128 @@
+//! What is computed, what waits, what failed, what was done lately.
+
+use super::frame::Frame;
+use super::layout::{Head, Place, card, page as whole};
+use super::numbers::{ago, duration, moment};
+use crate::api::{ApiResult, AppState, Params};
+use crate::jobs::Status;
+use crate::store::AnalysisRecord;
+use axum::extract::State;
+use axum::response::Response;
+use maud::{Markup, html};
+
+/// Analyses of a status that are listed.
+const MOST: u32 = 50;
+
+/// The queue.
+pub(super) async fn page(frame: Frame, State(state): State<AppState>, Params(()): Params<()>) -> ApiResult<Response> {
+    let counts = state.store.count_by_status().await?;
+    let mut head = Head::new(Place::Queue, "Queue");
+    head.json = Some("/v1/analyses".to_owned());
+    head.again_s = (frame.busy > 0).then_some(10);
+    let total: u64 = counts.iter().map(|(_, count)| count).sum();
+    head.lead = html! {
+        @if total == 0 { "Nothing was ever asked for." } @else {
+            @for (at, (status, n)) in counts.iter().enumerate() { @if at > 0 { " · " } (n) " " (status.name()) }
+        }
+    };
+    let mut body = html! {};
+    for (status, title) in [
+        (Status::Running, "Running"),
+        (Status::Queued, "Waiting"),
+        (Status::Failed, "Failed"),
+        (Status::Succeeded, "Done lately"),
+        (Status::Cancelled, "Cancelled"),
+    ] {
+        let all = counts.iter().find(|(own, _)| *own == status).map_or(0, |(_, count)| *count);
+        if all == 0 && status != Status::Running {
+            continue;
+        }
+        let rows = state.store.latest_analyses(None, status, MOST).await?;
+        body = html! { (body) (part(title, status, all, &rows)) };
+    }
+    let body = html! { div data-live-queue[frame.busy > 0] { (body) } };
+    Ok(whole(&frame, &head, &body))
+}
+
+fn part(title: &str, status: Status, all: u64, rows: &[AnalysisRecord]) -> Markup {
+    let more = html! {
+        @if all > rows.len() as u64 { p.muted { "the latest " (rows.len()) " of " (all) } }
+    };
+    if rows.is_empty() {
+        return card(title, &more, &html! { p { "Nothing is computed at the moment." } });
+    }
+    let is_done = status.is_final();
+    card(
+        title,
+        &more,
+        &html! {
+            div.scroll tabindex="0" role="region" aria-label=(title) {
+                table {
+                    caption.hidden { (title) }
+                    thead {
+                        tr {
+                            th scope="col" { "Analysis" }
+                            th scope="col" { @if is_done { "Ended" } @else { "Progress" } }
+                            th scope="col" { "Asked for" }
+                            th.number scope="col" { "Attempts" }
+                            th scope="col" { "Action" }
+                        }
+                    }
+                    tbody { @for analysis in rows { (row(analysis)) } }
+                }
+            }
+        },
+    )
+}
+
+fn row(analysis: &AnalysisRecord) -> Markup {
+    let AnalysisRecord { id, kind, status, attempts, created_at, finished_at, problem, .. } = analysis;
+    html! {
+        tr data-analysis=(id) {
+            th scope="row" { a href={ "/analyses/" (id) } { (kind.name()) } }
+            td {
+                @if let Some(problem) = problem { (problem.title) ", " }
+                @match finished_at {
+                    Some(at) => time datetime=(moment(*at)) { (ago(*at)) },
+                    None => { (bar(analysis)) },
+                }
+            }
+            td { time datetime=(moment(*created_at)) { (ago(*created_at)) } }
+            td.number { (attempts) }
+            td { (action(analysis)) span.hidden { (status.name()) } }
+        }
+    }
+}
+
+/// Cancelling, or asking again.
+pub(super) fn action(analysis: &AnalysisRecord) -> Markup {
+    let (verb, words) = match analysis.status {
+        Status::Queued | Status::Running => ("cancel", "Cancel"),
+        _ => ("again", "Run again"),
+    };
+    html! {
+        @if analysis.cancel_requested && !analysis.status.is_final() { "is being cancelled" } @else {
+            form.inline method="post" action={ "/analyses/" (analysis.id) "/" (verb) } {
+                button type="submit" aria-label={ (words) ": " (analysis.kind.name()) } { (words) }
+            }
+        }
+    }
+}
+
+/// How far an analysis is.
+pub(super) fn bar(analysis: &AnalysisRecord) -> Markup {
+    let share = (100.0 * analysis.progress.fraction).clamp(0.0, 100.0);
+    html! {
+        @if analysis.status == Status::Queued { "waits" } @else {
+            progress max="100" value=(format!("{share:.0}")) aria-label="Progress" {}
+            " " span.share { (format!("{share:.0} %")) }
+            @if let Some(left) = analysis.eta_s { span.left { " · " (duration(left)) " left" } }
+            @if let Some(bracket) = analysis.bracket { span.gap { " · gap " (format!("{:.1} %", 100.0 * bracket.gap())) } }
+        }
+    }
+}
+
+/// An analysis in a line.
+pub(super) fn line(analysis: &AnalysisRecord) -> Markup {
+    html! { p.now { a href={ "/analyses/" (analysis.id) } { (analysis.kind.name()) } " " (bar(analysis)) } }
+}
