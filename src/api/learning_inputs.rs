@@ -140,11 +140,14 @@ pub(super) async fn gather(
             .mend("Ask for estimator=prediction_error, or leave it out.")
             .into());
     }
-    let mut reports = Vec::new();
+    let (mut reports, mut damaged) = (Vec::new(), Vec::new());
     for estimator in Estimator::ALL {
         let joint = query.joint && estimator == query.estimator;
         let of_kind = state.store.reports_of_trials(&ids, kind_of(estimator), joint).await?;
-        reports.extend(of_kind.into_iter().map(|report| (estimator, report)));
+        reports.extend(of_kind.found.into_iter().map(|report| (estimator, report)));
+        if estimator == query.estimator {
+            damaged = of_kind.damaged;
+        }
     }
     let shown = query.estimator;
     let plants = all(|page| state.store.plants(study, page), |plant| plant.id.0).await?;
@@ -152,7 +155,11 @@ pub(super) async fn gather(
         Some(subject) => vec![subject],
         None => all(|page| state.store.subjects(study, filter.group.as_deref(), page), |subject| subject.id.0).await?,
     };
-    let gathered = off_thread(move || assemble(subjects, plants, trials, reports, shown)).await??;
+    let mut gathered = off_thread(move || assemble(subjects, plants, trials, reports, shown)).await??;
+    gathered.remarks.extend(damaged.into_iter().map(|(analysis, _)| Remark {
+        code: "report_not_used".to_owned(),
+        message: format!("the report of analysis {analysis} is left out: it is damaged in the database"),
+    }));
     if let Some(spec) = &query.spec {
         let mut identified = gathered.subjects.iter().flat_map(|s| &s.trials).flat_map(|t| &t.identifications);
         if !identified.any(|i| i.spec_sha256 == *spec) {

@@ -32,6 +32,7 @@ mod problem;
 mod router;
 mod samples;
 mod schema;
+mod server;
 mod signals;
 mod state;
 mod studies;
@@ -44,4 +45,5 @@ mod upload;
 
 pub use docs::document;
 pub use router::{openapi, router};
+pub use server::{Connections, serve};
 pub use state::{AppState, Limits};

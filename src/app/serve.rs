@@ -1,6 +1,7 @@
 //! `volition serve`, `worker` and `migrate`: the parts put together.
 
-use crate::api::{self, AppState};
+use super::backup;
+use crate::api::{self, AppState, Connections};
 use crate::config::{CacheArgs, DatabaseArgs, ServeArgs, WorkerArgs};
 use crate::jobs::Status;
 use crate::store::{Store, StoreResult};
@@ -40,9 +41,8 @@ pub async fn serve(
     let state =
         AppState::new(store.clone()).with_limits(limits).with_cache(pools.counters()).with_shutdown(shutdown.clone());
     let listening = shutdown.clone();
-    let server = tokio::spawn(async move {
-        axum::serve(listener, api::router(state)).with_graceful_shutdown(listening.cancelled_owned()).await
-    });
+    let connections = Connections { at_once: serve.max_connections, ..Connections::default() };
+    let server = tokio::spawn(api::serve(listener, api::router(state), connections, listening));
     // Scripts wait for this line and read the port from it.
     writeln!(std::io::stdout(), "volition listens on http://{address}")?;
     tracing::info!(%address, database = %database.database.display(), "serving");
@@ -56,11 +56,14 @@ pub async fn serve(
             working.cancelled().await;
         }
     };
+    let looking_after = async {
+        tokio::join!(backup::on_schedule(&store, &serve.backups, &shutdown), backup::upkeep(&store, &shutdown));
+    };
     let requests = async {
         shutdown.cancelled().await;
         tokio::time::timeout(CONNECTIONS_DRAIN, server).await
     };
-    let (requests, ()) = tokio::join!(requests, work);
+    let (requests, (), ()) = tokio::join!(requests, work, looking_after);
     if requests.is_err() {
         tracing::warn!(waited_s = CONNECTIONS_DRAIN.as_secs(), "some connections did not close in time");
     }
@@ -109,7 +112,14 @@ pub async fn migrate(database: &DatabaseArgs) -> anyhow::Result<()> {
 
 async fn open(database: &DatabaseArgs) -> anyhow::Result<Store> {
     let path = &database.database;
-    Store::open(Some(path)).await.with_context(|| format!("cannot open the database {}", path.display()))
+    let store =
+        Store::open(Some(path)).await.with_context(|| format!("cannot open the database {}", path.display()))?;
+    match store.keep_reserve(u64::from(database.reserve_mib) << 20).await {
+        Ok(()) => {}
+        // Served all the same: people can read, and it is made as soon as there is room.
+        Err(error) => tracing::error!(%error, "no room can be kept for a full disk"),
+    }
+    Ok(store)
 }
 
 async fn is_idle(store: &Store) -> StoreResult<bool> {
