@@ -1,7 +1,7 @@
 //! The command line.
 
 use crate::app;
-use crate::config::{CacheArgs, DatabaseArgs, ServeArgs, WorkerArgs};
+use crate::config::{BackupArgs, CacheArgs, DatabaseArgs, ServeArgs, VerifyArgs, WorkerArgs};
 use crate::telemetry::{self, LogFormat};
 use clap::{Parser, Subcommand};
 use std::io::Write as _;
@@ -49,6 +49,19 @@ enum Command {
         #[command(flatten)]
         database: DatabaseArgs,
     },
+    /// Copy the database into a folder while it is used, check the copy, and write a manifest beside it.
+    ///
+    /// Exits with 0, or 1 where no copy was made or rows were damaged already.
+    Backup {
+        #[command(flatten)]
+        backup: BackupArgs,
+        #[command(flatten)]
+        database: DatabaseArgs,
+    },
+    /// Look a database or a backup over: its pages, its references, every hash in it, and its manifest if it has one.
+    ///
+    /// Exits with 0 where everything is in order, 1 where something is damaged, each row with a line.
+    Verify(VerifyArgs),
     /// Write the OpenAPI document to standard output.
     Openapi,
     /// Simulate people with one stimulus and with two, estimate every trial in several ways, and print the estimates
@@ -113,6 +126,8 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             app::block_on(app::serve::work(&database, &worker, &cache, until_idle)).map(|()| ExitCode::SUCCESS)
         }
         Command::Migrate { database } => app::block_on(app::serve::migrate(&database)).map(|()| ExitCode::SUCCESS),
+        Command::Backup { backup, database } => app::block_on(app::backup::backup(&database, &backup)),
+        Command::Verify(args) => app::block_on(app::backup::verify(&args)),
         Command::Openapi => {
             let mut out = std::io::stdout().lock();
             writeln!(out, "{}", crate::api::document())?;

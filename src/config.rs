@@ -16,6 +16,45 @@ pub struct DatabaseArgs {
     /// Database file; made if it does not exist.
     #[arg(long, value_name = "FILE", default_value = "volition.db", env = "VOLITION_DATABASE")]
     pub database: PathBuf,
+    /// Room kept beside the database for a full disk, in MiB: given away then, so that deleting and cancelling still
+    /// work. 0: none.
+    #[arg(long, value_name = "MIB", default_value_t = 4, env = "VOLITION_RESERVE_MIB")]
+    pub reserve_mib: u16,
+}
+
+/// Where and when a server makes backups.
+#[derive(Debug, Clone, Args)]
+pub struct BackupSchedule {
+    /// Folder for backups, made while the server runs; none are made without one.
+    #[arg(long, value_name = "FOLDER", env = "VOLITION_BACKUP_FOLDER")]
+    pub backup_folder: Option<PathBuf>,
+    /// Hours between backups.
+    #[arg(long, value_name = "HOURS", default_value_t = 24.0, value_parser = hours, env = "VOLITION_BACKUP_EVERY_H")]
+    pub backup_every_h: f64,
+    /// Backups kept; older ones are deleted.
+    #[arg(long, value_name = "N", default_value_t = 14, env = "VOLITION_BACKUP_KEEP")]
+    pub backup_keep: usize,
+}
+
+/// What `volition backup` is asked for.
+#[derive(Debug, Clone, Args)]
+pub struct BackupArgs {
+    /// Folder for the copy and its manifest; made if it does not exist.
+    pub folder: PathBuf,
+    /// Delete all but the newest N backups in the folder afterwards.
+    #[arg(long, value_name = "N")]
+    pub keep: Option<usize>,
+}
+
+/// What `volition verify` is asked for.
+#[derive(Debug, Clone, Args)]
+pub struct VerifyArgs {
+    /// Database or backup to look over.
+    #[arg(value_name = "FILE", default_value = "volition.db", env = "VOLITION_DATABASE")]
+    pub file: PathBuf,
+    /// Keep the list of damaged rows in the database, where `/metrics` counts them.
+    #[arg(long)]
+    pub quarantine: bool,
 }
 
 /// Where pools and trees, which trials share, wait for the next process.
@@ -65,9 +104,15 @@ pub struct ServeArgs {
     /// Largest trial, in rows.
     #[arg(long, value_name = "ROWS", default_value_t = 2_000_000, env = "VOLITION_MAX_ROWS")]
     pub max_rows: usize,
+    /// Connections at the same time; others wait to be accepted.
+    #[arg(long, value_name = "N", default_value_t = 512, env = "VOLITION_MAX_CONNECTIONS")]
+    pub max_connections: usize,
     /// Serve only; leave the analyses to `volition worker` processes.
     #[arg(long, env = "VOLITION_NO_WORKER")]
     pub no_worker: bool,
+    /// Backups.
+    #[command(flatten)]
+    pub backups: BackupSchedule,
 }
 
 /// Settings that cannot be used.
@@ -105,6 +150,12 @@ impl CacheArgs {
             None => PoolMemo::default(),
         })
     }
+}
+
+/// A time between backups.
+fn hours(text: &str) -> Result<f64, String> {
+    let hours = text.parse::<f64>().map_err(|error| error.to_string())?;
+    if (0.01..=10_000.0).contains(&hours) { Ok(hours) } else { Err("it must be from 0.01 to 10000".to_owned()) }
 }
 
 /// A size in GiB.
@@ -154,6 +205,12 @@ impl ServeArgs {
         }
         if self.max_rows == 0 {
             return Err(ConfigError::Zero("--max-rows"));
+        }
+        if self.max_connections == 0 {
+            return Err(ConfigError::Zero("--max-connections"));
+        }
+        if self.backups.backup_keep == 0 {
+            return Err(ConfigError::Zero("--backup-keep"));
         }
         let max_body_bytes = self.max_body_mib.saturating_mul(1 << 20);
         Ok(Limits {

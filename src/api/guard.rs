@@ -102,6 +102,11 @@ fn check_host(uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
         .at(format!("header {what}"))
         .mend("Use http://localhost or http://127.0.0.1 with the server's port.")
     };
+    if headers.get_all(header::HOST).iter().nth(1).is_some() {
+        return Err(Problem::new(Code::Malformed, "two hosts", "the request has more than one header Host")
+            .at("header Host")
+            .mend("Send one."));
+    }
     let host = match uri.host() {
         Some(host) => Some(host.to_owned()),
         None => headers.get(header::HOST).map(|value| String::from_utf8_lossy(value.as_bytes()).into_owned()),

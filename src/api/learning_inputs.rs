@@ -151,7 +151,7 @@ pub(crate) async fn gather(
             .mend("Ask for estimator=prediction_error, or leave it out.")
             .into());
     }
-    let reports = reports(state, &ids, query).await?;
+    let (reports, damaged) = reports(state, &ids, query).await?;
     let shown = query.estimator;
     let plants = everything(|page| state.store.plants(study, page), |plant| plant.id.0).await?;
     let subjects = match subject {
@@ -161,7 +161,8 @@ pub(crate) async fn gather(
                 .await?
         }
     };
-    let gathered = off_thread(move || assemble(subjects, plants, trials, reports, shown)).await??;
+    let mut gathered = off_thread(move || assemble(subjects, plants, trials, reports, shown)).await??;
+    gathered.remarks.extend(damaged);
     if let Some(spec) = &query.spec {
         let mut identified = gathered.subjects.iter().flat_map(|s| &s.trials).flat_map(|t| &t.identifications);
         if !identified.any(|i| i.spec_sha256 == *spec) {
@@ -178,15 +179,24 @@ pub(crate) async fn gather(
     Ok(gathered)
 }
 
-/// What was found of these trials, by estimator.
-async fn reports(state: &AppState, ids: &[TrialId], query: &CurveQuery) -> ApiResult<Vec<(Estimator, TrialReport)>> {
-    let mut reports = Vec::new();
+/// What was found of these trials, by estimator, and remarks on reports that are damaged.
+async fn reports(
+    state: &AppState,
+    ids: &[TrialId],
+    query: &CurveQuery,
+) -> ApiResult<(Vec<(Estimator, TrialReport)>, Vec<Remark>)> {
+    let (mut reports, mut remarks) = (Vec::new(), Vec::new());
     for estimator in Estimator::ALL {
         let joint = query.joint && estimator == query.estimator;
         let of_kind = state.store.reports_of_trials(ids, kind_of(estimator), joint).await?;
-        reports.extend(of_kind.into_iter().map(|report| (estimator, report)));
+        reports.extend(of_kind.found.into_iter().map(|report| (estimator, report)));
+        let damaged = of_kind.damaged.into_iter().filter(|_| estimator == query.estimator);
+        remarks.extend(damaged.map(|(analysis, _)| Remark {
+            code: "report_not_used".to_owned(),
+            message: format!("the report of analysis {analysis} is left out: it is damaged in the database"),
+        }));
     }
-    Ok(reports)
+    Ok((reports, remarks))
 }
 
 /// One trial, with what was identified from it.
@@ -197,9 +207,11 @@ pub(crate) async fn gather_trial(
     plant: Plant,
     query: &CurveQuery,
 ) -> ApiResult<Gathered> {
-    let reports = reports(state, &[trial.id], query).await?;
+    let (reports, damaged) = reports(state, &[trial.id], query).await?;
     let shown = query.estimator;
-    Ok(off_thread(move || assemble(vec![subject], vec![plant], vec![trial], reports, shown)).await??)
+    let mut gathered = off_thread(move || assemble(vec![subject], vec![plant], vec![trial], reports, shown)).await??;
+    gathered.remarks.extend(damaged);
+    Ok(gathered)
 }
 
 /// Every row of a list.

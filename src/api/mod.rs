@@ -31,6 +31,7 @@ mod problem;
 mod router;
 mod samples;
 mod schema;
+mod server;
 mod signals;
 mod state;
 mod studies;
@@ -55,4 +56,5 @@ pub(crate) use learning_inputs::{CurveQuery, Gathered, gather, gather_trial, kin
 pub(crate) use problem::{ApiError, ApiResult, HttpProblem, PROBLEM_JSON, internal};
 pub(crate) use router::router_with;
 pub use router::{openapi, router};
+pub use server::{Connections, serve};
 pub use state::{AppState, Limits};

@@ -5,7 +5,7 @@
 
 use crate::analysis::problem::ProblemCode;
 use crate::analysis::{Code, Problem};
-use crate::store::{StoreError, StoreResult};
+use crate::store::{StoreError, StoreResult, Trouble};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use schemars::JsonSchema;
@@ -30,6 +30,10 @@ pub(crate) enum RequestCode {
     MethodNotAllowed,
     /// The server takes no more work at the moment.
     Busy,
+    /// The server's disk is full: nothing of the request was kept.
+    StorageFull,
+    /// The database cannot be used at the moment: the disk fails or is read-only, or the file is gone.
+    StorageFailed,
 }
 
 impl ProblemCode for RequestCode {
@@ -40,6 +44,8 @@ impl ProblemCode for RequestCode {
             Self::NotAcceptable => "not_acceptable",
             Self::MethodNotAllowed => "method_not_allowed",
             Self::Busy => "busy",
+            Self::StorageFull => "storage_full",
+            Self::StorageFailed => "storage_failed",
         }
     }
 }
@@ -96,7 +102,8 @@ pub(crate) fn status_of(code: HttpCode) -> StatusCode {
             RequestCode::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
             RequestCode::NotAcceptable => StatusCode::NOT_ACCEPTABLE,
             RequestCode::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
-            RequestCode::Busy => StatusCode::SERVICE_UNAVAILABLE,
+            RequestCode::Busy | RequestCode::StorageFailed => StatusCode::SERVICE_UNAVAILABLE,
+            RequestCode::StorageFull => StatusCode::INSUFFICIENT_STORAGE,
         },
     }
 }
@@ -177,14 +184,33 @@ impl From<StoreError> for ApiError {
             }
             _ => {
                 tracing::error!(%error, "store failed");
-                if !error.is_transient() {
-                    return internal().into();
+                match error.trouble() {
+                    Some(trouble) => of_trouble(trouble).into(),
+                    None => internal().into(),
                 }
-                let detail = "the database did not take the request in time";
-                Problem::new(RequestCode::Busy, "the database is busy", detail)
-                    .mend("Try again in a few seconds.")
-                    .into()
             }
+        }
+    }
+}
+
+/// What is wrong with the database for the time being.
+pub(super) fn of_trouble(trouble: Trouble) -> Problem<RequestCode> {
+    match trouble {
+        Trouble::Busy => {
+            let detail = "the database did not take the request in time";
+            Problem::new(RequestCode::Busy, "the database is busy", detail).mend("Try again in a few seconds.")
+        }
+        Trouble::Full => {
+            let detail = "the server's disk is full, and nothing of the request was kept";
+            Problem::new(RequestCode::StorageFull, "the disk is full", detail).mend(
+                "Ask whoever runs the server for room, then repeat the request. Reading, cancelling and deleting still \
+                 work.",
+            )
+        }
+        Trouble::Unusable => {
+            let detail = "the server cannot use its database: the disk fails or is read-only, or the file is gone";
+            Problem::new(RequestCode::StorageFailed, "the database cannot be used", detail)
+                .mend("Ask whoever runs the server to look at its log, then repeat the request.")
         }
     }
 }
@@ -300,6 +326,12 @@ mod tests {
         assert!(!format!("{damaged}").contains("lab.db"));
         let stale = ApiError::from(StoreError::Stale { noun: "study" });
         assert_eq!(stale.status, StatusCode::PRECONDITION_FAILED);
+        let full = ApiError::from(StoreError::Full("no room in /srv/lab.db".into()));
+        assert_eq!((full.status.as_u16(), full.problem.code), (507, RequestCode::StorageFull.into()));
+        assert!(!format!("{}", full.problem).contains("lab.db"));
+        let moved = ApiError::from(StoreError::Moved { path: "/srv/lab.db".into(), what: "is gone" });
+        assert_eq!((moved.status.as_u16(), moved.problem.code), (503, RequestCode::StorageFailed.into()));
+        assert!(!format!("{}", moved.problem).contains("lab.db"));
     }
 
     #[test]
@@ -311,6 +343,8 @@ mod tests {
             (RequestCode::NotAcceptable.into(), "not_acceptable"),
             (RequestCode::MethodNotAllowed.into(), "method_not_allowed"),
             (RequestCode::Busy.into(), "busy"),
+            (RequestCode::StorageFull.into(), "storage_full"),
+            (RequestCode::StorageFailed.into(), "storage_failed"),
         ] {
             assert_eq!(code.name(), name);
             assert_eq!(serde_json::to_value(code).unwrap(), name);

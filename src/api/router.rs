@@ -102,10 +102,9 @@ pub(crate) fn router_with(beside: Router<AppState>, state: AppState) -> Router {
 pub fn openapi() -> Value {
     let (_, mut document) = routes().split_for_parts();
     for item in document.paths.paths.values_mut() {
-        let operations = [&mut item.get, &mut item.post, &mut item.patch, &mut item.delete];
-        for operation in operations.into_iter().flatten() {
-            complete(operation);
-        }
+        item.get.iter_mut().for_each(|operation| complete(operation, false));
+        let writing = [&mut item.post, &mut item.patch, &mut item.delete];
+        writing.into_iter().flatten().for_each(|operation| complete(operation, true));
     }
     let mut document = serde_json::to_value(document).unwrap_or_default();
     document["components"]["schemas"] = Value::Object(schema::components());
@@ -113,7 +112,7 @@ pub fn openapi() -> Value {
 }
 
 /// Adds what all operations of a sort have in common: the problems of the layers around the handlers, and headers.
-fn complete(operation: &mut Operation) {
+fn complete(operation: &mut Operation, writes: bool) {
     let parameters = operation.parameters.iter().flatten();
     let (mut in_path, mut if_match, mut if_none_match, mut creates) = (false, false, false, false);
     for parameter in parameters {
@@ -129,8 +128,11 @@ fn complete(operation: &mut Operation) {
         ("400", "Something in the request cannot be read: the path, the query, a header or the body."),
         ("421", "The Host or Origin header names another machine."),
         ("500", "The server failed."),
-        ("503", "The server is too busy, or took too long."),
+        ("503", "The server is too busy, took too long, or cannot use its database."),
     ];
+    if writes {
+        problems.push(("507", "The server's disk is full."));
+    }
     if in_path {
         problems.push(("404", "There is no such thing."));
     }

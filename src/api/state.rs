@@ -29,6 +29,12 @@ pub struct Limits {
     pub body_stall: Duration,
     /// How long a request may take in all; event streams excepted.
     pub request_timeout: Duration,
+    /// Bytes that the JSON of one request may take in memory once it is read.
+    pub max_json_memory_bytes: u64,
+    /// The same of all requests together; others wait.
+    pub json_memory_bytes: u64,
+    /// Bytes of large JSON bodies that are held at the same time; others wait before they are read.
+    pub json_bodies_bytes: u64,
     /// Uploads that are read and parsed at the same time; others wait. Bounds the memory taken.
     pub concurrent_uploads: usize,
 }
@@ -45,9 +51,19 @@ impl Default for Limits {
             max_drain_time: Duration::from_secs(30),
             body_stall: Duration::from_secs(30),
             request_timeout: Duration::from_secs(120),
+            max_json_memory_bytes: 512 << 20,
+            json_memory_bytes: 640 << 20,
+            json_bodies_bytes: 256 << 20,
             concurrent_uploads: 3,
         }
     }
+}
+
+/// Memory is lent in pieces of so many bytes.
+pub(super) const ROOM_UNIT: u64 = 64 << 10;
+
+fn room(bytes: u64) -> Arc<Semaphore> {
+    Arc::new(Semaphore::new(usize::try_from(bytes.div_ceil(ROOM_UNIT)).unwrap_or(Semaphore::MAX_PERMITS)))
 }
 
 /// Figures that are drawn at the same time; others wait. A picture for print takes some 50 MB.
@@ -63,6 +79,9 @@ pub struct AppState {
     /// Cancelled when the server begins to drain: event streams end, so that connections can close.
     pub shutdown: CancellationToken,
     pub(super) uploads: Arc<Semaphore>,
+    /// Large JSON bodies, and what they become, in [`ROOM_UNIT`]s.
+    pub(super) json_bodies: Arc<Semaphore>,
+    pub(super) json_memory: Arc<Semaphore>,
     /// Held while a figure is drawn.
     pub(super) figures: Arc<Semaphore>,
     /// Held while free numbers are looked up and taken, so that uploads at the same time do not chase one another.
@@ -81,6 +100,8 @@ impl AppState {
             limits: Limits::default(),
             shutdown: CancellationToken::new(),
             uploads: Arc::new(Semaphore::new(Limits::default().concurrent_uploads)),
+            json_bodies: room(Limits::default().json_bodies_bytes),
+            json_memory: room(Limits::default().json_memory_bytes),
             figures: Arc::new(Semaphore::new(FIGURES_AT_ONCE)),
             numbering: Arc::default(),
             telemetry: Arc::default(),
@@ -93,6 +114,9 @@ impl AppState {
     pub fn with_limits(mut self, limits: Limits) -> Self {
         self.limits = limits;
         self.uploads = Arc::new(Semaphore::new(limits.concurrent_uploads.max(1)));
+        // Whatever one request may take, there is room for one.
+        self.json_bodies = room(limits.json_bodies_bytes.max(limits.max_body_bytes as u64));
+        self.json_memory = room(limits.json_memory_bytes.max(limits.max_json_memory_bytes));
         self
     }
 

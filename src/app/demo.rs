@@ -11,7 +11,7 @@ use super::{Answer, ask};
 use crate::analysis::ids::{StudyId, TrialId};
 use crate::analysis::report::sha256_json;
 use crate::analysis::{Plan, Request};
-use crate::api::Limits;
+use crate::api::{Connections, Limits};
 use crate::config::{CacheArgs, DatabaseArgs, loopback};
 use crate::jobs::Status;
 use crate::learning::inputs::Estimator;
@@ -104,9 +104,11 @@ pub async fn demo(args: &DemoArgs) -> anyhow::Result<ExitCode> {
             address: loopback(args.listen)?,
             limits: Limits::default(),
             worker: Some(WorkerSettings::default()),
+            max_connections: Connections::default().at_once,
+            backups: None,
             place: newest.first().map_or_else(|| "/".to_owned(), |newest| format!("/studies/{}", newest.study.id)),
         };
-        serve::run(served, &DatabaseArgs { database: path }, &args.cache).await?;
+        serve::run(served, &DatabaseArgs { database: path, reserve_mib: 0 }, &args.cache).await?;
     }
     drop(folder);
     outcome

@@ -1,5 +1,6 @@
 //! What the commands do: the parts put together.
 
+pub mod backup;
 pub mod check;
 pub mod compare;
 pub mod demo;

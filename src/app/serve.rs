@@ -1,7 +1,8 @@
 //! `volition serve`, `worker` and `migrate`: the parts put together.
 
-use crate::api::{AppState, Limits};
-use crate::config::{CacheArgs, DatabaseArgs, ServeArgs, WorkerArgs};
+use super::backup;
+use crate::api::{self, AppState, Connections, Limits};
+use crate::config::{BackupSchedule, CacheArgs, DatabaseArgs, ServeArgs, WorkerArgs};
 use crate::jobs::Status;
 use crate::pages;
 use crate::store::{Store, StoreResult};
@@ -35,6 +36,8 @@ pub async fn serve(
         limits: serve.limits()?,
         worker: (!serve.no_worker).then(|| worker.settings()),
         place: "/".to_owned(),
+        max_connections: serve.max_connections,
+        backups: Some(serve.backups.clone()),
     };
     run(served, database, cache).await
 }
@@ -49,11 +52,15 @@ pub(crate) struct Served {
     pub(crate) worker: Option<WorkerSettings>,
     /// The page that is named to whoever started it.
     pub(crate) place: String,
+    /// Connections at the same time.
+    pub(crate) max_connections: usize,
+    /// Copies that are made of the database; none of one that is gone afterwards.
+    pub(crate) backups: Option<BackupSchedule>,
 }
 
 /// Serves a database until SIGINT or SIGTERM.
 pub(crate) async fn run(served: Served, database: &DatabaseArgs, cache: &CacheArgs) -> anyhow::Result<()> {
-    let Served { address, limits, worker, place } = served;
+    let Served { address, limits, worker, place, max_connections, backups } = served;
     let store = open(database).await?;
     let pools = cache.pools(Some(&database.database));
     let embedded = worker.is_some();
@@ -66,9 +73,8 @@ pub(crate) async fn run(served: Served, database: &DatabaseArgs, cache: &CacheAr
     let state =
         AppState::new(store.clone()).with_limits(limits).with_cache(pools.counters()).with_shutdown(shutdown.clone());
     let listening = shutdown.clone();
-    let server = tokio::spawn(async move {
-        axum::serve(listener, pages::router(state)).with_graceful_shutdown(listening.cancelled_owned()).await
-    });
+    let connections = Connections { at_once: max_connections, ..Connections::default() };
+    let server = tokio::spawn(api::serve(listener, pages::router(state), connections, listening));
     // Scripts wait for the first line and read the port from it; both go out at once, since they may read no more.
     let said = format!("volition listens on http://{address}\nTo look at in a browser: http://{address}{place}\n");
     std::io::stdout().write_all(said.as_bytes())?;
@@ -82,11 +88,19 @@ pub(crate) async fn run(served: Served, database: &DatabaseArgs, cache: &CacheAr
             working.cancelled().await;
         }
     };
+    let looking_after = async {
+        let copies = async {
+            if let Some(backups) = &backups {
+                backup::on_schedule(&store, backups, &shutdown).await;
+            }
+        };
+        tokio::join!(copies, backup::upkeep(&store, &shutdown));
+    };
     let requests = async {
         shutdown.cancelled().await;
         tokio::time::timeout(CONNECTIONS_DRAIN, server).await
     };
-    let (requests, ()) = tokio::join!(requests, work);
+    let (requests, (), ()) = tokio::join!(requests, work, looking_after);
     if requests.is_err() {
         tracing::warn!(waited_s = CONNECTIONS_DRAIN.as_secs(), "some connections did not close in time");
     }
@@ -135,7 +149,14 @@ pub async fn migrate(database: &DatabaseArgs) -> anyhow::Result<()> {
 
 async fn open(database: &DatabaseArgs) -> anyhow::Result<Store> {
     let path = &database.database;
-    Store::open(Some(path)).await.with_context(|| format!("cannot open the database {}", path.display()))
+    let store =
+        Store::open(Some(path)).await.with_context(|| format!("cannot open the database {}", path.display()))?;
+    match store.keep_reserve(u64::from(database.reserve_mib) << 20).await {
+        Ok(()) => {}
+        // Served all the same: people can read, and it is made as soon as there is room.
+        Err(error) => tracing::error!(%error, "no room can be kept for a full disk"),
+    }
+    Ok(store)
 }
 
 async fn is_idle(store: &Store) -> StoreResult<bool> {

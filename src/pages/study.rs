@@ -11,7 +11,7 @@ use crate::analysis::Problem;
 use crate::analysis::ids::StudyId;
 use crate::api::{
     ApiResult, AppState, CurveQuery, FromQuery, Gathered, Id, Params, QueryText, drawing, gather, kind_of,
-    mean_controllers,
+    mean_controllers, units_of_study,
 };
 use crate::figure::of::Units;
 use crate::figure::of::learning_curves::{METRICS, learning_curve, name as name_of, title};

@@ -8,7 +8,7 @@ use super::svg::Drawn;
 use super::trust::{chip, symbol};
 use crate::analysis::Problem;
 use crate::analysis::ids::SubjectId;
-use crate::api::{ApiResult, AppState, CurveQuery, FromQuery, Gathered, Id, Params, QueryText, drawing, gather};
+use crate::api::{ApiResult, AppState, CurveQuery, FromQuery, Gathered, Id, Params, QueryText, drawing, gather, units_of_study};
 use crate::figure::of::Units;
 use crate::figure::of::learning_curves::{learning_curve, name as name_of};
 use crate::figure::text::three;

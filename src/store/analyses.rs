@@ -2,8 +2,10 @@
 
 use super::error::{StoreError, StoreResult};
 use super::idempotency::{or_deleted, remember, replay};
-use super::nouns::{Make, Noun, each, fetch, must_exist, select};
+use super::lists::{Filter, Value};
+use super::nouns::{Make, Noun, fetch, must_exist};
 use super::open::Store;
+use super::queue::end_of_line;
 use super::records::{
     AnalysisFilter, AnalysisRecord, Created, IdempotencyKey, NewAnalysis, Page, RunFilter, RunProgress,
 };
@@ -125,11 +127,13 @@ async fn insert(connection: &mut SqliteConnection, new: &NewAnalysis, now: i64) 
     let study = common_study(connection, new).await?;
     let id = Uuid::now_v7().to_string();
     let request = to_json(&new.request)?;
-    sqlx::query(
+    sqlx::query(concat!(
         "INSERT INTO analyses (id, study_id, kind, request, request_sha256, spec_sha256, status, available_at,
-            created_at, updated_at)
-         VALUES ($1, $2, $3, $4, $5, $6, 'queued', $7, $7, $7)",
-    )
+            created_at, updated_at, place)
+         VALUES ($1, $2, $3, $4, $5, $6, 'queued', $7, $7, $7, ",
+        end_of_line!("$2", "$3"),
+        ")"
+    ))
     .bind(&id)
     .bind(&study)
     .bind(new.kind.name())
@@ -213,20 +217,30 @@ impl Store {
         // Nothing is made, so there is nothing to repeat: a later request may well find trials that match.
         let Some(first) = new.first() else { return Ok(Vec::new()) };
         let scope = format!("studies/{}/analyses", first.study.map(|id| id.to_string()).unwrap_or_default());
+        let (store, key) = (self.clone(), key.cloned());
+        self.uninterrupted(async move { store.write_analyses(&scope, &new, key.as_ref()).await }).await
+    }
+
+    async fn write_analyses(
+        &self,
+        scope: &str,
+        new: &[NewAnalysis],
+        key: Option<&IdempotencyKey>,
+    ) -> StoreResult<Vec<AnalysisRecord>> {
         let mut tx = self.begin().await?;
         let mut made = Vec::with_capacity(new.len());
-        if let Some(ids) = replay(&mut tx, &scope, key).await? {
+        if let Some(ids) = replay(&mut tx, scope, key).await? {
             for id in &ids {
                 made.push(or_deleted(fetch(&mut tx, id).await)?);
             }
             return Ok(made);
         }
         let now = self.now_us();
-        for new in &new {
+        for new in new {
             made.push(insert(&mut tx, new, now).await?);
         }
         let ids: Vec<String> = made.iter().map(|analysis| analysis.id.to_string()).collect();
-        remember(&mut tx, &scope, key, &ids, now).await?;
+        remember(&mut tx, scope, key, &ids, now).await?;
         tx.commit().await?;
         self.announce_work();
         Ok(made)
@@ -245,22 +259,7 @@ impl Store {
     /// # Errors
     /// The database's own.
     pub async fn analyses(&self, filter: AnalysisFilter, page: Page) -> StoreResult<Vec<AnalysisRecord>> {
-        let rows = sqlx::query(select::<AnalysisRecord>(
-            "WHERE n.id > $1 AND ($2 IS NULL OR n.study_id = $2) AND ($3 IS NULL OR n.kind = $3)
-               AND ($4 IS NULL OR n.status = $4)
-               AND ($5 IS NULL
-                    OR EXISTS (SELECT 1 FROM analysis_trials u WHERE u.trial_id = $5 AND u.analysis_id = n.id))
-             ORDER BY n.id LIMIT $6",
-        ))
-        .bind(page.after_id())
-        .bind(filter.study.map(|id| id.to_string()))
-        .bind(filter.kind.map(|kind| kind.name()))
-        .bind(filter.status.map(Status::name))
-        .bind(filter.trial.map(|id| id.to_string()))
-        .bind(page.limit)
-        .fetch_all(self.readers())
-        .await?;
-        each(&rows)
+        self.page_of(&mut *self.readers()?.acquire().await?, &asked_for(&filter), page).await
     }
 
     /// Cancels a queued analysis at once, flags a running one, leaves a finished one as it is.
@@ -269,12 +268,20 @@ impl Store {
     /// [`StoreError::NotFound`], the database's own.
     pub async fn request_cancel(&self, id: AnalysisId) -> StoreResult<AnalysisRecord> {
         let id = id.to_string();
-        let mut tx = self.begin().await?;
+        self.relieved(move |store| {
+            let id = id.clone();
+            async move { store.write_cancel(&id).await }
+        })
+        .await
+    }
+
+    async fn write_cancel(&self, id: &str) -> StoreResult<AnalysisRecord> {
+        let mut tx = self.begin_relief().await?;
         let row = sqlx::query("SELECT status, attempts, cancel_requested FROM analyses WHERE id = $1")
-            .bind(&id)
+            .bind(id)
             .fetch_optional(&mut *tx)
             .await?
-            .ok_or_else(|| StoreError::not_found(AnalysisRecord::NAME, &id))?;
+            .ok_or_else(|| StoreError::not_found(AnalysisRecord::NAME, id))?;
         let before = job(&row)?;
         let after = before
             .apply(Event::RequestCancel)
@@ -285,7 +292,7 @@ impl Store {
                     version = version + 1, updated_at = $5
                  WHERE id = $1 AND status = $6",
             )
-            .bind(&id)
+            .bind(id)
             .bind(after.status.name())
             .bind(after.cancel_requested)
             .bind(after.status.is_final())
@@ -294,7 +301,7 @@ impl Store {
             .execute(&mut *tx)
             .await?;
         }
-        let record = fetch(&mut tx, &id).await?;
+        let record = fetch(&mut tx, id).await?;
         tx.commit().await?;
         Ok(record)
     }
@@ -304,8 +311,7 @@ impl Store {
     /// # Errors
     /// The database's own.
     pub async fn count_by_status(&self) -> StoreResult<Vec<(Status, u64)>> {
-        let counts: Vec<(String, i64)> =
-            sqlx::query_as("SELECT status, count(*) FROM analyses GROUP BY status").fetch_all(self.readers()).await?;
+        let counts: Vec<(String, i64)> = sqlx::query_as(COUNTS).fetch_all(self.readers()?).await?;
         Ok(by_status(&counts))
     }
 
@@ -314,31 +320,64 @@ impl Store {
     /// # Errors
     /// [`StoreError::NotFound`] (study), the database's own.
     pub async fn run_progress(&self, study: StudyId, run: &RunFilter) -> StoreResult<RunProgress> {
-        let mut connection = self.readers().acquire().await?;
+        let mut connection = self.readers()?.acquire().await?;
         must_exist(&mut connection, study).await?;
-        let counts: Vec<(String, i64)> = sqlx::query_as(
-            "SELECT status, count(*) FROM analyses
-             WHERE study_id = $1 AND ($2 IS NULL OR kind = $2) AND ($3 IS NULL OR spec_sha256 = $3)
-             GROUP BY status",
-        )
-        .bind(study.to_string())
-        .bind(run.kind.map(|kind| kind.name()))
-        .bind(&run.spec_sha256)
-        .fetch_all(&mut *connection)
-        .await?;
-        let took_us: Vec<i64> = sqlx::query_scalar(
-            "SELECT finished_at - started_at FROM analyses
-             WHERE study_id = $1 AND ($2 IS NULL OR kind = $2) AND ($3 IS NULL OR spec_sha256 = $3)
-               AND status = 'succeeded' AND started_at IS NOT NULL
-             ORDER BY finished_at DESC LIMIT $4",
-        )
-        .bind(study.to_string())
-        .bind(run.kind.map(|kind| kind.name()))
-        .bind(&run.spec_sha256)
-        .bind(LATEST)
-        .fetch_all(&mut *connection)
-        .await?;
+        let filter = of_run(study, run);
+        let rows = filter.rows(&mut connection, run_counts(&filter), &[]).await?;
+        let counts = rows.iter().map(|row| Ok((get(row, "status")?, get(row, "number")?)));
+        let counts: Vec<(String, i64)> = counts.collect::<StoreResult<_>>()?;
+        let rows = filter.rows(&mut connection, run_latest(&filter), &[Value::Integer(LATEST)]).await?;
+        let took_us = rows.iter().map(|row| get::<i64>(row, "took_us"));
+        let took_us: Vec<i64> = took_us.collect::<StoreResult<_>>()?;
         let latest_s = took_us.iter().map(|us| us.max(&0).unsigned_abs() as f64 * 1e-6).collect();
         Ok(RunProgress { counts: by_status(&counts), latest_s })
     }
+}
+
+/// Counts of everything, by status.
+pub(super) const COUNTS: &str = "SELECT status, count(*) FROM analyses GROUP BY status";
+
+/// Those that match a filter. One index has the rows in order of creation and everything else that is asked for; the
+/// plus signs keep the database from another, which it would leave for each row.
+pub(super) fn asked_for(filter: &AnalysisFilter) -> Filter {
+    let AnalysisFilter { study, trial, kind, status } = filter;
+    let study = study.map(|id| id.to_string());
+    let (kind, status) = (kind.map(|kind| kind.name()), status.map(Status::name));
+    if let Some(trial) = trial {
+        let of_trial = "n.id IN (SELECT u.analysis_id FROM analysis_trials u WHERE u.trial_id = ?)";
+        return Filter::default()
+            .and(of_trial, Some(trial.to_string()))
+            .and("+n.study_id = ?", study)
+            .and("+n.kind = ?", kind)
+            .and("+n.status = ?", status);
+    }
+    if study.is_some() {
+        return Filter::default().and("n.study_id = ?", study).and("+n.kind = ?", kind).and("+n.status = ?", status);
+    }
+    if status.is_some() {
+        return Filter::default().and("n.status = ?", status).and("+n.kind = ?", kind);
+    }
+    Filter::default().and("n.kind = ?", kind)
+}
+
+/// Those of a study that belong to a run.
+pub(super) fn of_run(study: StudyId, run: &RunFilter) -> Filter {
+    Filter::default()
+        .and("n.study_id = ?", Some(study.to_string()))
+        .and("n.kind = ?", run.kind.map(|kind| kind.name()))
+        .and("n.spec_sha256 = ?", run.spec_sha256.as_deref())
+}
+
+/// How many of a run there are in each status.
+pub(super) fn run_counts(filter: &Filter) -> String {
+    filter.of("SELECT n.status, count(*) AS number FROM analyses n", &[], "GROUP BY n.status")
+}
+
+/// How long those of a run took that succeeded latest.
+pub(super) fn run_latest(filter: &Filter) -> String {
+    filter.of(
+        "SELECT n.finished_at - n.started_at AS took_us FROM analyses n",
+        &["n.status = 'succeeded'", "n.started_at IS NOT NULL"],
+        "ORDER BY n.finished_at DESC LIMIT ?",
+    )
 }

@@ -2,26 +2,52 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
+use std::time::Instant;
 use time::OffsetDateTime;
 
-/// Where the store gets the time from. Leases are judged by it, so all processes on one database must agree on it to
-/// within a fraction of the lease.
+/// Where the store gets the time from: the time of day, which is written down for people and may be set at any moment,
+/// and a time that only passes, by which the silence of workers is judged.
 #[derive(Debug, Clone, Default)]
 pub enum Clock {
-    /// The system's clock.
+    /// The system's clocks.
     #[default]
     System,
-    /// A clock that stands still until it is moved: microseconds since 1970 UTC. For tests of leases and waits.
+    /// Clocks that stand still until they are moved, both at once: microseconds since 1970 UTC. For tests.
     Manual(Arc<AtomicI64>),
+    /// The same, moved one by one: a time of day that is set while time passes.
+    Apart {
+        /// The time of day, in microseconds since 1970 UTC.
+        day: Arc<AtomicI64>,
+        /// Microseconds that have passed.
+        passed: Arc<AtomicI64>,
+    },
 }
 
 impl Clock {
-    /// Microseconds since 1970 UTC.
+    /// The time of day in microseconds since 1970 UTC.
     #[must_use]
     pub(crate) fn now_us(&self) -> i64 {
         match self {
             Self::System => micros(OffsetDateTime::now_utc()),
-            Self::Manual(now) => now.load(Ordering::SeqCst),
+            Self::Manual(now) | Self::Apart { day: now, .. } => now.load(Ordering::SeqCst),
+        }
+    }
+
+    /// The time of day.
+    #[must_use]
+    pub(super) fn now(&self) -> OffsetDateTime {
+        // Out of range only some 290,000 years from 1970.
+        OffsetDateTime::from_unix_timestamp_nanos(i128::from(self.now_us()) * 1000)
+            .unwrap_or(OffsetDateTime::UNIX_EPOCH)
+    }
+
+    /// Microseconds since some moment before this store was opened. They stand still while the machine sleeps, as its
+    /// workers do.
+    #[must_use]
+    pub(super) fn passed_us(&self, opened: Instant) -> i64 {
+        match self {
+            Self::System => i64::try_from(opened.elapsed().as_micros()).unwrap_or(i64::MAX),
+            Self::Manual(now) | Self::Apart { passed: now, .. } => now.load(Ordering::SeqCst),
         }
     }
 }

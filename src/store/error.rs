@@ -39,6 +39,17 @@ pub enum StoreError {
         /// Why not, in words.
         reason: String,
     },
+    /// There is no room: the disk is full, and what is left is kept for deleting and cancelling.
+    #[error("the disk is full: {0}")]
+    Full(String),
+    /// The file that was opened is not at its place any more, or another one is.
+    #[error("the database file '{path}' {what}")]
+    Moved {
+        /// Where it was.
+        path: String,
+        /// What is found there.
+        what: &'static str,
+    },
     /// The database failed.
     #[error("the database failed: {0}")]
     Database(#[from] sqlx::Error),
@@ -50,23 +61,56 @@ pub enum StoreError {
 /// Result of the store.
 pub type StoreResult<T> = Result<T, StoreError>;
 
+/// Why a database fails that may work again without anybody's touching this program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Trouble {
+    /// It is locked, or no connection was free.
+    Busy,
+    /// The disk is full.
+    Full,
+    /// The disk fails, is read-only, or the file is gone.
+    Unusable,
+}
+
 impl StoreError {
-    /// Whether the same call may succeed a little later: the file was locked, the disk was full, no connection was
-    /// free.
+    /// What is wrong with the database for the time being; `None` where nothing is, or where it stays wrong.
+    #[must_use]
+    pub fn trouble(&self) -> Option<Trouble> {
+        let error = match self {
+            Self::Full(_) => return Some(Trouble::Full),
+            Self::Moved { .. } => return Some(Trouble::Unusable),
+            Self::Database(error) => error,
+            _ => return None,
+        };
+        match error {
+            sqlx::Error::PoolTimedOut => Some(Trouble::Busy),
+            sqlx::Error::Io(error) if is_no_room(error) => Some(Trouble::Full),
+            sqlx::Error::Io(_) => Some(Trouble::Unusable),
+            sqlx::Error::Database(error) => match primary_code(error.as_ref()) {
+                // SQLite's primary result codes: BUSY and LOCKED, FULL, then READONLY, IOERR and CANTOPEN.
+                Some(5 | 6) => Some(Trouble::Busy),
+                Some(13) => Some(Trouble::Full),
+                Some(8 | 10 | 14) => Some(Trouble::Unusable),
+                _ => None,
+            },
+            _ => None,
+        }
+    }
+
+    /// Whether the same call may succeed a little later.
     #[must_use]
     pub(crate) fn is_transient(&self) -> bool {
-        let Self::Database(error) = self else { return false };
-        match error {
-            sqlx::Error::PoolTimedOut | sqlx::Error::Io(_) => true,
-            // SQLite's primary result codes: BUSY, LOCKED, IOERR, FULL.
-            sqlx::Error::Database(error) => matches!(primary_code(error.as_ref()), Some(5 | 6 | 10 | 13)),
-            _ => false,
-        }
+        self.trouble().is_some()
     }
 
     pub(super) fn not_found(noun: &'static str, id: impl ToString) -> Self {
         Self::NotFound { noun, id: id.to_string() }
     }
+}
+
+/// Whether a file could not be written because there was no room for it.
+pub(super) fn is_no_room(error: &std::io::Error) -> bool {
+    matches!(error.kind(), std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded)
 }
 
 /// SQLite's primary result code: the low byte of the extended one.

@@ -4,21 +4,23 @@ use super::analyses::{attempts, job};
 use super::clock::span_us;
 use super::error::{StoreError, StoreResult};
 use super::open::Store;
+use super::queue::{CLAIM, RUNNING, end_of_line};
 use super::records::{Claim, Heartbeat, Lease, LeaseState, Rescued};
 use super::rows::{get, json_opt, json_verified, parsed, sha256, signed, to_json};
+use super::watch::Running;
 use crate::analysis::ids::AnalysisId;
 use crate::analysis::{Code, Problem, Report};
 use crate::ctl::{Bracket, Progress};
 use crate::jobs::{Backoff, EtaEstimator, Event, Status};
-use sqlx::SqliteConnection;
 use sqlx::sqlite::SqliteRow;
+use sqlx::{Sqlite, SqliteConnection, Transaction};
 use uuid::Uuid;
 
 /// Ends a running analysis in a final state, or puts it back; `finished_at` follows from the status.
 const LEAVE_RUNNING: &str = "UPDATE analyses SET
         status = $3, problem = $4, report = $5, report_sha256 = $6,
         finished_at = CASE WHEN $3 <> 'queued' THEN $7 END,
-        attempts = $8, available_at = $9,
+        attempts = $8, available_at = $9, wait_us = $10, place = $11,
         progress_done = CASE WHEN $3 = 'succeeded' THEN max(progress_total, 1)
             WHEN $3 = 'queued' THEN 0 ELSE progress_done END,
         progress_total = CASE WHEN $3 = 'succeeded' THEN max(progress_total, 1)
@@ -46,7 +48,7 @@ enum Outcome<'a> {
 macro_rules! running_where {
     ($condition:literal) => {
         concat!(
-            "SELECT id, status, attempts, cancel_requested, worker, available_at, lease_token, progress_done,
+            "SELECT id, status, attempts, cancel_requested, worker, available_at, place, lease_token, progress_done,
                 progress_total, phase, phase_from, phase_to, fraction, started_at, progress_at, phase_began_at, eta_s,
                 incumbent_cost, incumbent_index, lower_bound, incumbent
              FROM analyses WHERE status = 'running' AND ",
@@ -82,10 +84,13 @@ async fn leave_running(
         // Only a worker's death fails an analysis without anybody handing in a problem.
         Outcome::Nothing => (None, (after.status == Status::Failed).then_some(&died)),
     };
-    let available_at: i64 = match event {
-        Event::WorkerDied { .. } => now.saturating_add(wait_us(before.attempts, id)),
+    let (available_at, wait_us, place): (i64, i64, i64) = match event {
+        Event::WorkerDied { .. } => {
+            let wait_us = wait_us(before.attempts, id);
+            (now.saturating_add(wait_us), wait_us, last_place(connection, id).await?)
+        }
         // Handed back: it keeps its place in the queue.
-        _ => get(row, "available_at")?,
+        _ => (get(row, "available_at")?, 0, get(row, "place")?),
     };
     let token: String = get(row, "lease_token")?;
     let changed = sqlx::query(LEAVE_RUNNING)
@@ -98,9 +103,17 @@ async fn leave_running(
         .bind(now)
         .bind(after.attempts)
         .bind(available_at)
+        .bind(wait_us)
+        .bind(place)
         .execute(connection)
         .await?;
     Ok((changed.rows_affected() == 1).then_some(after.status))
+}
+
+/// The place at the end of the line of an analysis that is under way.
+async fn last_place(connection: &mut SqliteConnection, id: AnalysisId) -> StoreResult<i64> {
+    let select = concat!("SELECT ", end_of_line!("a.study_id", "a.kind"), " FROM analyses a WHERE a.id = $1");
+    Ok(sqlx::query_scalar(select).bind(id.to_string()).fetch_one(connection).await?)
 }
 
 fn wait_us(attempts: u32, id: AnalysisId) -> i64 {
@@ -142,28 +155,26 @@ impl Store {
     }
 
     async fn take(&self, worker: &str, lease_s: f64) -> StoreResult<Option<(Lease, SqliteRow)>> {
-        let mut tx = self.begin().await?;
-        let now = self.now_us();
-        let token = Uuid::new_v4().to_string();
-        let row = sqlx::query(
-            "UPDATE analyses SET status = 'running', attempts = attempts + 1, lease_token = $1, lease_expires_at = $2,
-                worker = $3, started_at = $4, progress_done = 0, progress_total = 0, progress_at = $4,
-                phase = 'computing', phase_from = 0, phase_to = 1, fraction = 0, phase_began_at = $4, eta_s = NULL,
-                incumbent_cost = NULL, incumbent_index = NULL, lower_bound = NULL, incumbent = NULL, version =
-                version + 1, updated_at = $4
-             WHERE id = (SELECT id FROM analyses WHERE status = 'queued' AND available_at <= $4
-                         ORDER BY available_at, id LIMIT 1)
-               AND status = 'queued'
-             RETURNING id, request, request_sha256, attempts",
-        )
-        .bind(&token)
-        .bind(now.saturating_add(span_us(lease_s)))
-        .bind(worker)
-        .bind(now)
-        .fetch_optional(&mut *tx)
-        .await?;
-        tx.commit().await?;
-        row.map(|row| Ok((Lease { analysis: parsed(&row, "id")?, token }, row))).transpose()
+        let (store, worker) = (self.clone(), worker.to_owned());
+        self.uninterrupted(async move {
+            let mut tx = store.begin().await?;
+            let now = store.now_us();
+            let token = Uuid::new_v4().to_string();
+            let row = sqlx::query(CLAIM)
+                .bind(&token)
+                .bind(now.saturating_add(span_us(lease_s)))
+                .bind(worker)
+                .bind(now)
+                .bind(span_us(lease_s).max(1))
+                .fetch_optional(&mut *tx)
+                .await?;
+            tx.commit().await?;
+            let Some(row) = row else { return Ok(None) };
+            let lease = Lease { analysis: parsed(&row, "id")?, token };
+            store.inner().watch.begin(&lease, get(&row, "beat")?, store.passed_us());
+            Ok(Some((lease, row)))
+        })
+        .await
     }
 
     /// Extends the lease and writes how far the work is; `LeaseState::Lost` when the lease is somebody else's or the
@@ -179,11 +190,16 @@ impl Store {
         heartbeat: impl Into<Heartbeat>,
         lease_s: f64,
     ) -> StoreResult<LeaseState> {
-        let Heartbeat { progress, bracket, incumbent } = heartbeat.into();
+        let (store, lease, heartbeat) = (self.clone(), lease.clone(), heartbeat.into());
+        self.uninterrupted(async move { store.beat(&lease, heartbeat, lease_s).await }).await
+    }
+
+    async fn beat(&self, lease: &Lease, heartbeat: Heartbeat, lease_s: f64) -> StoreResult<LeaseState> {
+        let Heartbeat { progress, bracket, incumbent } = heartbeat;
         // No pool that is searched has so many candidates; another index would be a wrong one.
         let bracket = bracket.and_then(Bracket::checked).filter(|bracket| i64::try_from(bracket.index).is_ok());
         let incumbent = incumbent.filter(|_| bracket.is_some());
-        let mut tx = self.begin().await?;
+        let mut tx = self.begin_relief().await?;
         let Some(row) = held(&mut tx, lease).await? else { return Ok(LeaseState::Lost) };
         let now = self.now_us();
         let progress = Progress { done: progress.done.min(progress.total), ..progress };
@@ -200,7 +216,8 @@ impl Store {
             "UPDATE analyses SET lease_expires_at = $3, progress_done = $4, progress_total = $5, progress_at = $6,
                 phase_began_at = $7, eta_s = $8, incumbent_cost = $10, incumbent_index = $11, lower_bound = $12,
                 incumbent = $13, phase = $14, phase_from = $15, phase_to = $16, fraction = $17,
-                version = version + $9, updated_at = CASE WHEN $9 > 0 THEN $6 ELSE updated_at END
+                beat = beat + 1, lease_us = $18, version = version + $9,
+                updated_at = CASE WHEN $9 > 0 THEN $6 ELSE updated_at END
              WHERE id = $1 AND status = 'running' AND lease_token = $2",
         )
         .bind(lease.analysis.to_string())
@@ -220,6 +237,7 @@ impl Store {
         .bind(progress.from)
         .bind(progress.to)
         .bind(progress.fraction)
+        .bind(span_us(lease_s).max(1))
         .execute(&mut *tx)
         .await?;
         let cancel: bool = get(&row, "cancel_requested")?;
@@ -237,7 +255,7 @@ impl Store {
         )
         .bind(lease.analysis.to_string())
         .bind(&lease.token)
-        .fetch_optional(self.readers())
+        .fetch_optional(self.readers()?)
         .await?;
         Ok(match cancel {
             None => LeaseState::Lost,
@@ -251,8 +269,13 @@ impl Store {
     /// # Errors
     /// The database's own.
     pub async fn succeed(&self, lease: &Lease, report: &Report) -> StoreResult<bool> {
-        let text = to_json(report)?;
-        self.finish(lease, Event::Succeed, Outcome::Report(&text, report)).await
+        let (store, lease, report) = (self.clone(), lease.clone(), report.clone());
+        let text = to_json(&report)?;
+        self.uninterrupted(async move {
+            let tx = store.begin().await?;
+            finish(tx, &lease, Event::Succeed, Outcome::Report(&text, &report), store.now_us()).await
+        })
+        .await
     }
 
     /// Finishes with a problem; false when the lease was lost.
@@ -260,7 +283,15 @@ impl Store {
     /// # Errors
     /// The database's own.
     pub async fn fail(&self, lease: &Lease, problem: &Problem) -> StoreResult<bool> {
-        self.finish(lease, Event::Fail, Outcome::Problem(problem)).await
+        let (lease, problem) = (lease.clone(), problem.clone());
+        self.relieved(move |store| {
+            let (lease, problem) = (lease.clone(), problem.clone());
+            async move {
+                let tx = store.begin_relief().await?;
+                finish(tx, &lease, Event::Fail, Outcome::Problem(&problem), store.now_us()).await
+            }
+        })
+        .await
     }
 
     /// Marks a running analysis cancelled; false when the lease was lost, or when nobody asked for that.
@@ -268,7 +299,7 @@ impl Store {
     /// # Errors
     /// The database's own.
     pub async fn confirm_cancel(&self, lease: &Lease) -> StoreResult<bool> {
-        self.finish(lease, Event::ConfirmCancel, Outcome::Nothing).await
+        self.leave(lease, Event::ConfirmCancel).await
     }
 
     /// Hands the work back (shutdown) without counting the attempt. Where cancellation was asked for meanwhile, it is
@@ -277,51 +308,68 @@ impl Store {
     /// # Errors
     /// The database's own.
     pub async fn release(&self, lease: &Lease) -> StoreResult<bool> {
-        let released = self.finish(lease, Event::Release, Outcome::Nothing).await?;
+        let released = self.leave(lease, Event::Release).await?;
         if released {
             self.announce_work();
         }
         Ok(released)
     }
 
-    async fn finish(&self, lease: &Lease, event: Event, outcome: Outcome<'_>) -> StoreResult<bool> {
-        let mut tx = self.begin().await?;
-        let Some(row) = held(&mut tx, lease).await? else { return Ok(false) };
-        let now = self.now_us();
-        let report = if let Outcome::Report(_, report) = outcome { Some(report) } else { None };
-        let left = leave_running(&mut tx, &row, event, outcome, now).await?.is_some();
-        if let Some(report) = report.filter(|_| left) {
-            super::trust::write(&mut tx, lease.analysis, report).await?;
-        }
-        tx.commit().await?;
-        Ok(left)
+    async fn leave(&self, lease: &Lease, event: Event) -> StoreResult<bool> {
+        let lease = lease.clone();
+        self.relieved(move |store| {
+            let lease = lease.clone();
+            async move {
+                let tx = store.begin_relief().await?;
+                finish(tx, &lease, event, Outcome::Nothing, store.now_us()).await
+            }
+        })
+        .await
     }
 
-    /// Returns analyses whose lease ran out to the end of the queue, or fails those whose attempts are used up.
+    /// Returns analyses whose workers gave no sign of life for a lease, as this process has seen by its own clock, to
+    /// the end of the queue, or fails those whose attempts are used up. To be called several times in a lease.
     ///
     /// # Errors
     /// The database's own.
     pub async fn rescue(&self, max_attempts: u32) -> StoreResult<Rescued> {
         self.scrub_if_due().await;
         // Asked by every worker every few seconds, and nearly always for nothing: do not take the write lock for that.
-        let due: Option<i64> =
-            sqlx::query_scalar("SELECT 1 FROM analyses WHERE status = 'running' AND lease_expires_at <= $1 LIMIT 1")
-                .bind(self.now_us())
-                .fetch_optional(self.readers())
-                .await?;
-        let mut rescued = Rescued::default();
-        if due.is_none() {
-            return Ok(rescued);
+        let running = sqlx::query(RUNNING).fetch_all(self.readers()?).await?;
+        let running = running.iter().map(|row| {
+            let lease = Lease { analysis: parsed(row, "id")?, token: get(row, "lease_token")? };
+            Ok(Running { lease, beat: get(row, "beat")?, lease_us: get(row, "lease_us")? })
+        });
+        let silent = self.inner().watch.silent(running.collect::<StoreResult<_>>()?, self.passed_us());
+        if silent.is_empty() {
+            return Ok(Rescued::default());
         }
+        let store = self.clone();
+        let outcome = self.uninterrupted(async move { store.take_back(&silent, max_attempts).await }).await;
+        match &outcome {
+            Ok(rescued) if rescued.requeued.is_empty() => {}
+            Ok(_) => self.announce_work(),
+            // Where this could not be written, nor could a sign of life.
+            Err(_) => self.inner().watch.forget(),
+        }
+        outcome
+    }
+
+    async fn take_back(&self, silent: &[Running], max_attempts: u32) -> StoreResult<Rescued> {
+        let mut rescued = Rescued::default();
         let mut tx = self.begin().await?;
         let now = self.now_us();
-        let rows = sqlx::query(running_where!("lease_expires_at <= $1 ORDER BY lease_expires_at, id"))
-            .bind(now)
-            .fetch_all(&mut *tx)
-            .await?;
-        for row in &rows {
-            let id: AnalysisId = parsed(row, "id")?;
-            match leave_running(&mut tx, row, Event::WorkerDied { max_attempts }, Outcome::Nothing, now).await? {
+        for Running { lease, beat, .. } in silent {
+            // Unless it gave a sign at the last moment.
+            let row = sqlx::query(running_where!("id = $1 AND lease_token = $2 AND beat = $3"))
+                .bind(lease.analysis.to_string())
+                .bind(&lease.token)
+                .bind(beat)
+                .fetch_optional(&mut *tx)
+                .await?;
+            let Some(row) = row else { continue };
+            let id = lease.analysis;
+            match leave_running(&mut tx, &row, Event::WorkerDied { max_attempts }, Outcome::Nothing, now).await? {
                 Some(Status::Queued) => rescued.requeued.push(id),
                 Some(Status::Cancelled) => rescued.cancelled.push(id),
                 Some(_) => rescued.failed.push(id),
@@ -329,9 +377,24 @@ impl Store {
             }
         }
         tx.commit().await?;
-        if !rescued.requeued.is_empty() {
-            self.announce_work();
-        }
         Ok(rescued)
     }
+}
+
+/// Ends what a lease holds; false when the lease was lost, or the event cannot happen.
+async fn finish(
+    mut tx: Transaction<'static, Sqlite>,
+    lease: &Lease,
+    event: Event,
+    outcome: Outcome<'_>,
+    now: i64,
+) -> StoreResult<bool> {
+    let Some(row) = held(&mut tx, lease).await? else { return Ok(false) };
+    let report = if let Outcome::Report(_, report) = outcome { Some(report) } else { None };
+    let left = leave_running(&mut tx, &row, event, outcome, now).await?.is_some();
+    if let Some(report) = report.filter(|_| left) {
+        super::trust::write(&mut tx, lease.analysis, report).await?;
+    }
+    tx.commit().await?;
+    Ok(left)
 }

@@ -1,19 +1,19 @@
 //! Recordings, and everything else that an analysis computes from.
 
+use super::blocking::off_runtime;
 use super::error::{StoreError, StoreResult};
 use super::nouns::fetch;
 use super::open::Store;
 use super::records::{Plant, TrialRecord};
 use super::rows::get;
 use super::signals::{Packed, unpack};
-use super::trials::off_runtime;
 use crate::analysis::ids::TrialId;
 use crate::analysis::{Library, References, StoredTrial};
 use crate::trial::Trial;
 use sqlx::SqliteConnection;
 use std::sync::Arc;
 
-async fn columns(connection: &mut SqliteConnection, id: &str) -> StoreResult<Vec<Packed>> {
+pub(super) async fn columns(connection: &mut SqliteConnection, id: &str) -> StoreResult<Vec<Packed>> {
     let rows = sqlx::query("SELECT channel, codec, samples, sha256, data FROM trial_signals WHERE trial_id = $1")
         .bind(id)
         .fetch_all(connection)
@@ -74,7 +74,7 @@ impl Store {
             let trial = off_runtime(move || unpacked(&record, &columns)).await?;
             library.trials.insert(*id, Arc::new(StoredTrial { trial, sha256, plant, divergent, warnings }));
         }
-        let mut connection = self.readers().acquire().await?;
+        let mut connection = self.readers()?.acquire().await?;
         for id in &references.plants {
             let plant: Plant = fetch(&mut connection, id).await?;
             library.plants.insert(*id, plant.model);

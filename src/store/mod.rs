@@ -13,23 +13,40 @@
 //! **The analysis row is the job.** Its legal transitions are in [`crate::jobs`]; every write by a worker matches id,
 //! `running` and lease token, so that a worker which comes late can never win.
 //!
+//! **Disks fail.** Connections are looked at before they are lent, since a commit that fails on a full disk leaves them
+//! within a transaction; writes run in tasks that nobody drops; a reserve lets people delete and cancel on a full disk;
+//! a file that is gone or replaced is not written to ([`StoreError::trouble`] says which it is). Damaged rows are left
+//! out of lists and named.
+//!
+//! **Clocks are set.** Nothing that happens to work depends on the time of day; see [`watch`] and the column `place`.
+//!
 //! **Idempotency keys** are scoped by route and parent (`studies/{id}/plants`). The same key with the same request
 //! answers with what the first one made; with another request it is [`StoreError::KeyReused`]; where that was deleted
 //! since, it is a conflict (`idempotent_result_deleted`), never made anew.
 
 mod analyses;
+mod backup;
+mod blocking;
 mod clock;
+mod copy;
+mod damage;
 mod error;
 mod idempotency;
 mod leases;
 mod library;
+mod lists;
+mod migrate;
 mod nouns;
 mod open;
 mod overviews;
 mod passages;
+mod place;
+mod plans;
 mod plants;
+mod queue;
 mod records;
 mod reports;
+mod reserve;
 mod rows;
 mod scrub;
 mod signals;
@@ -39,12 +56,18 @@ mod trial_lists;
 mod trials;
 mod trust;
 mod units;
+mod upkeep;
+mod verify;
+mod watch;
+mod writing;
 
+pub use backup::Manifest;
 pub use clock::Clock;
-pub use error::{StoreError, StoreResult};
+pub use error::{StoreError, StoreResult, Trouble};
 pub use nouns::{Change, Noun};
 pub use open::Store;
 pub use passages::Passage;
 pub use records::*;
 pub use trust::{StoredTrust, TrustFilter};
 pub use units::{SignalUnits, UnitsChange};
+pub use verify::{Finding, Verified, verify_file};

@@ -46,7 +46,7 @@ pub trait Noun: Sized + Send + 'static {
 /// A noun that is made one at a time.
 pub(super) trait Make: Noun {
     /// One as asked for.
-    type New: Send + Sync;
+    type New: Send + Sync + 'static;
 
     /// The study that it is made in, which must exist; `None` where it is made in none.
     fn study(new: &Self::New) -> Option<StudyId>;
@@ -93,11 +93,6 @@ pub(super) async fn fetch<N: Noun>(connection: &mut SqliteConnection, id: impl D
     N::from_row(&row.ok_or_else(|| StoreError::not_found(N::NAME, id))?)
 }
 
-/// Rows as things.
-pub(super) fn each<N: Noun>(rows: &[SqliteRow]) -> StoreResult<Vec<N>> {
-    rows.iter().map(N::from_row).collect()
-}
-
 /// `NotFound` where there is no such study.
 pub(super) async fn must_exist(connection: &mut SqliteConnection, study: StudyId) -> StoreResult<()> {
     fetch::<Study>(connection, study).await.map(drop)
@@ -138,11 +133,16 @@ impl Store {
     /// # Errors
     /// [`StoreError::NotFound`], the database's own.
     pub async fn read<N: Noun>(&self, id: N::Id) -> StoreResult<N> {
-        fetch(&mut *self.readers().acquire().await?, id).await
+        fetch(&mut *self.readers()?.acquire().await?, id).await
     }
 
     /// Makes one thing, once for an idempotency key.
     pub(super) async fn make<N: Make>(&self, new: N::New, key: Option<&IdempotencyKey>) -> StoreResult<Created<N>> {
+        let (store, key) = (self.clone(), key.cloned());
+        self.uninterrupted(async move { store.write_new(new, key.as_ref()).await }).await
+    }
+
+    async fn write_new<N: Make>(&self, new: N::New, key: Option<&IdempotencyKey>) -> StoreResult<Created<N>> {
         let study = N::study(&new);
         let scope = study.map_or_else(|| N::TABLE.to_owned(), |study| format!("studies/{study}/{}", N::TABLE));
         let mut tx = self.begin().await?;
@@ -172,13 +172,15 @@ impl Store {
         let (store, id) = (self.clone(), id.to_string());
         if N::FORGETS {
             let forgetting = async move {
-                let tx = store.begin_erasing().await?;
-                let now = store.now_us();
-                change(tx, id, patch, if_match, now).await
+                let changing = async {
+                    let tx = store.begin_erasing(store.begin().await?).await?;
+                    change(tx, id, patch, if_match, store.now_us()).await
+                };
+                store.erased(changing).await
             };
-            return self.erase(forgetting).await;
+            return self.uninterrupted(forgetting).await;
         }
-        change(self.begin().await?, id, patch, if_match, self.now_us()).await
+        self.uninterrupted(async move { change(store.begin().await?, id, patch, if_match, store.now_us()).await }).await
     }
 
     /// Deletes one thing with all that belongs to it, and overwrites what they held: a study's plants, subjects, trials
@@ -189,19 +191,26 @@ impl Store {
     /// # Errors
     /// [`StoreError::NotFound`], [`StoreError::Stale`], [`StoreError::Conflict`] (`plant_in_use`), the database's own.
     pub async fn delete<N: Noun>(&self, id: N::Id, if_match: Option<i64>) -> StoreResult<()> {
-        let (store, id) = (self.clone(), id.to_string());
-        let deletion = async move {
-            let mut tx = store.begin_erasing().await?;
-            N::may_go(&mut tx, &id).await?;
-            let delete =
-                AssertSqlSafe(format!("DELETE FROM {} WHERE id = $1 AND ($2 IS NULL OR version = $2)", N::TABLE));
-            let gone = sqlx::query(delete).bind(&id).bind(if_match).execute(&mut *tx).await?;
-            if gone.rows_affected() == 0 {
-                return Err(missed::<N>(&mut tx, &id).await?);
+        let id = id.to_string();
+        self.relieved(move |store| {
+            let id = id.clone();
+            async move {
+                let deleting = store.clone();
+                store.erased(async move { deleting.write_deletion::<N>(&id, if_match).await }).await
             }
-            Ok(tx.commit().await?)
-        };
-        self.erase(deletion).await
+        })
+        .await
+    }
+
+    async fn write_deletion<N: Noun>(&self, id: &str, if_match: Option<i64>) -> StoreResult<()> {
+        let mut tx = self.begin_erasing(self.begin_relief().await?).await?;
+        N::may_go(&mut tx, id).await?;
+        let delete = AssertSqlSafe(format!("DELETE FROM {} WHERE id = $1 AND ($2 IS NULL OR version = $2)", N::TABLE));
+        let gone = sqlx::query(delete).bind(id).bind(if_match).execute(&mut *tx).await?;
+        if gone.rows_affected() == 0 {
+            return Err(missed::<N>(&mut tx, id).await?);
+        }
+        Ok(tx.commit().await?)
     }
 }
 

@@ -1,40 +1,31 @@
-//! Opening the database, its two pools, and what every write has in common.
+//! Opening the database, and its two pools.
 
 use super::clock::Clock;
-use super::error::{StoreError, StoreResult, primary_code};
-use sqlx::migrate::{MigrateError, Migration, MigrationType, Migrator};
+use super::damage::Damage;
+use super::error::{StoreError, StoreResult, Trouble};
+use super::migrate::{explain, prepare};
+use super::place::{Place, TemporaryDirectory, check_file};
+use super::reserve::Reserve;
+use super::watch::Watch;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{SqlSafeStr as _, Sqlite, Transaction};
-use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Weak};
-use std::time::Duration;
-use tokio::sync::Notify;
-
-/// The migrations, by version. The macro of sqlx that reads the folder would compile SQLite a second time.
-const MIGRATIONS: [(i64, &str, &str); 5] = [
-    (1, "studies trials analyses", include_str!("../../migrations/0001_studies_trials_analyses.sql")),
-    (2, "brackets", include_str!("../../migrations/0002_brackets.sql")),
-    (3, "trial warnings", include_str!("../../migrations/0003_trial_warnings.sql")),
-    (4, "phases", include_str!("../../migrations/0004_phases.sql")),
-    (5, "trust", include_str!("../../migrations/0005_trust.sql")),
-];
-
-fn migrator() -> Migrator {
-    let migration = |(version, description, sql): (i64, &'static str, &'static str)| {
-        Migration::new(version, description.into(), MigrationType::Simple, sql.into_sql_str(), false)
-    };
-    Migrator::with_migrations(MIGRATIONS.map(migration).to_vec())
-}
-
-/// `PRAGMA application_id` of our files ("VOLT"); the first migration writes it.
-const APPLICATION_ID: i64 = 0x564F_4C54;
+use sqlx::{Connection as _, Sqlite, SqliteConnection, Transaction};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock, Weak};
+use std::time::{Duration, Instant};
+use tokio::sync::{Mutex, Notify, Semaphore};
 
 /// How long a statement waits for another process's lock before it fails.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Connections that read.
 const READERS: u32 = 4;
+
+/// Writes that wait for the connection or are under way; others wait before, where they can still be forgotten.
+const WRITES_AT_ONCE: usize = 64;
+
+/// What the write-ahead log is cut back to once it is folded in.
+const LOG_BYTES: &str = "67108864";
 
 /// A handle to the database; cheap to clone.
 #[derive(Debug, Clone)]
@@ -47,6 +38,19 @@ pub(super) struct Inner {
     writer: SqlitePool,
     readers: SqlitePool,
     clock: Clock,
+    opened: Instant,
+    replaced: Arc<AtomicU64>,
+    pub(super) place: Place,
+    /// Room kept for a full disk; none where nobody asked for it.
+    pub(super) reserve: OnceLock<Arc<Reserve>>,
+    /// Held by every write that is under way.
+    pub(super) writes: Arc<Semaphore>,
+    /// When the latest successful look at readiness began.
+    pub(super) ready: Mutex<Option<Instant>>,
+    /// What was seen of workers' signs of life.
+    pub(super) watch: Watch,
+    /// Rows that could not be read.
+    pub(super) damage: Damage,
     /// Work entered the queue, as far as this process knows.
     work: Arc<Notify>,
     /// A deletion's traces may still be in the write-ahead log.
@@ -55,6 +59,22 @@ pub(super) struct Inner {
     pub(super) scrub_planned: AtomicBool,
     /// Removed last, after the pools.
     _temporary: Option<TemporaryDirectory>,
+}
+
+/// Connections are looked at before they are lent. A commit that fails on a full disk has rolled back in SQLite but not
+/// in sqlx, which then refuses every later transaction on that connection: it is closed, and a new one opened.
+fn pool(connections: u32, replaced: &Arc<AtomicU64>) -> SqlitePoolOptions {
+    let replaced = Arc::clone(replaced);
+    SqlitePoolOptions::new().max_connections(connections).acquire_timeout(Duration::from_secs(60)).before_acquire(
+        move |connection, _| {
+            let sound = !connection.is_in_transaction();
+            if !sound {
+                replaced.fetch_add(1, Ordering::Relaxed);
+                tracing::warn!("a connection was left within a transaction; another takes its place");
+            }
+            Box::pin(async move { Ok(sound) })
+        },
+    )
 }
 
 impl Store {
@@ -85,6 +105,7 @@ impl Store {
             .filename(&file)
             .journal_mode(SqliteJournalMode::Wal)
             .synchronous(SqliteSynchronous::Full)
+            .pragma("journal_size_limit", LOG_BYTES)
             .foreign_keys(true)
             .busy_timeout(BUSY_TIMEOUT)
             // See `scrub` for what this does and does not do.
@@ -92,16 +113,11 @@ impl Store {
             // Sorting a person's rows must not leave copies in temporary files.
             .pragma("temp_store", "MEMORY");
         let cannot_open = |error: StoreError| explain(&file, error);
-        let writer = SqlitePoolOptions::new()
-            .max_connections(1)
-            .acquire_timeout(Duration::from_secs(60))
-            .connect_with(options.clone())
-            .await
-            .map_err(|error| cannot_open(error.into()))?;
+        let replaced = Arc::new(AtomicU64::new(0));
+        let writer =
+            pool(1, &replaced).connect_with(options.clone()).await.map_err(|error| cannot_open(error.into()))?;
         prepare(&writer, &file).await.map_err(cannot_open)?;
-        let readers = SqlitePoolOptions::new()
-            .max_connections(READERS)
-            .acquire_timeout(Duration::from_secs(60))
+        let readers = pool(READERS, &replaced)
             .connect_with(options.pragma("query_only", "ON"))
             .await
             .map_err(|error| cannot_open(error.into()))?;
@@ -109,6 +125,14 @@ impl Store {
             writer,
             readers,
             clock,
+            opened: Instant::now(),
+            replaced,
+            place: Place::of(&file),
+            reserve: OnceLock::new(),
+            writes: Arc::new(Semaphore::new(WRITES_AT_ONCE)),
+            ready: Mutex::new(None),
+            watch: Watch::default(),
+            damage: Damage::default(),
             work: Arc::new(Notify::new()),
             // A process that was killed between a deletion and its scrubbing left the rest to us.
             log_due: AtomicBool::new(true),
@@ -116,18 +140,35 @@ impl Store {
             _temporary: temporary,
         };
         let store = Self { inner: Arc::new(inner) };
-        store.judge_unjudged().await?;
+        match store.judge_unjudged().await {
+            // People can read all the same, and the rest is judged at the next start.
+            Err(error) if error.trouble() == Some(Trouble::Full) => {
+                tracing::error!(%error, "earlier reports could not be judged");
+            }
+            judged => judged?,
+        }
         store.scrub_if_due().await;
         Ok(store)
     }
 
-    /// Whether a trivial query succeeds (readiness).
+    /// Keeps so many bytes beside the database, in a file that is deleted when the disk is full, so that deleting and
+    /// cancelling still work then. It is made again as soon as there is room; until then nothing else is written.
     ///
     /// # Errors
-    /// The database's own.
-    pub async fn ping(&self) -> StoreResult<()> {
-        sqlx::query("SELECT count(*) FROM studies WHERE id = ''").execute(self.readers()).await?;
-        Ok(())
+    /// [`StoreError::Full`] where there is no room for it now; it is made later.
+    pub async fn keep_reserve(&self, bytes: u64) -> StoreResult<()> {
+        if bytes > 0 {
+            let file = self.inner.place.file();
+            self.inner.reserve.get_or_init(|| Arc::new(Reserve::beside(file, bytes)));
+        }
+        self.keep_room().await
+    }
+
+    /// How many connections were found within a transaction that nobody was in any more, and replaced: one for each
+    /// commit that met a full or failing disk, and none for clients that went away.
+    #[must_use]
+    pub fn count_replaced(&self) -> u64 {
+        self.inner.replaced.load(Ordering::Relaxed)
     }
 
     /// Waits for what is under way and closes every connection.
@@ -142,28 +183,44 @@ impl Store {
         Arc::clone(&self.inner.work)
     }
 
-    /// The time, in microseconds, that leases are judged by.
+    /// The time of day in microseconds.
     #[must_use]
     pub(crate) fn now_us(&self) -> i64 {
         self.inner.clock.now_us()
     }
 
-    pub(super) fn writer(&self) -> &SqlitePool {
-        &self.inner.writer
+    /// The time of day.
+    pub(super) fn now(&self) -> time::OffsetDateTime {
+        self.inner.clock.now()
     }
 
-    pub(super) fn readers(&self) -> &SqlitePool {
-        &self.inner.readers
+    /// A connection beside the pools, for what takes long and must not hold up others.
+    pub(super) async fn connection_of_its_own(&self) -> StoreResult<SqliteConnection> {
+        self.inner.place.unmoved()?;
+        let options = SqliteConnectOptions::new().filename(self.inner.place.file()).busy_timeout(BUSY_TIMEOUT);
+        Ok(SqliteConnection::connect_with(&options).await?)
     }
 
-    /// Begins a write; nobody else can until it ends.
-    pub(super) async fn begin(&self) -> StoreResult<Transaction<'static, Sqlite>> {
-        Ok(self.inner.writer.begin_with("BEGIN IMMEDIATE").await?)
+    /// Microseconds that have passed since some moment; the silence of workers is judged by them.
+    pub(super) fn passed_us(&self) -> i64 {
+        self.inner.clock.passed_us(self.inner.opened)
+    }
+
+    /// The connection that writes.
+    pub(super) fn writer(&self) -> StoreResult<&SqlitePool> {
+        self.inner.place.unmoved()?;
+        Ok(&self.inner.writer)
+    }
+
+    /// The connections that read.
+    pub(super) fn readers(&self) -> StoreResult<&SqlitePool> {
+        self.inner.place.unmoved()?;
+        Ok(&self.inner.readers)
     }
 
     /// Begins a read of several statements that see the same state.
     pub(super) async fn snapshot(&self) -> StoreResult<Transaction<'static, Sqlite>> {
-        Ok(self.inner.readers.begin().await?)
+        Ok(self.readers()?.begin().await?)
     }
 
     /// Tells waiting workers of this process.
@@ -183,91 +240,5 @@ impl Store {
 
     pub(super) fn from_inner(inner: Arc<Inner>) -> Self {
         Self { inner }
-    }
-}
-
-/// Refuses what SQLite would report badly or not at all, and creates the file so that only its owner can read it.
-fn check_file(file: &Path) -> StoreResult<()> {
-    let cannot = |reason: String| StoreError::CannotOpen { path: file.display().to_string(), reason };
-    match std::fs::metadata(file) {
-        Ok(metadata) if metadata.is_dir() => Err(cannot("it is a directory; name a file".to_owned())),
-        Ok(metadata) if !metadata.is_file() => Err(cannot("it is not a regular file".to_owned())),
-        // Not opened here: closing it again would drop the locks that SQLite may hold on it in this process (POSIX
-        // locks belong to process and file, not to the handle).
-        Ok(_) => Ok(()),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            let mut options = std::fs::OpenOptions::new();
-            options.write(true).create_new(true);
-            #[cfg(unix)]
-            std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-            match options.open(file) {
-                Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => {
-                    Err(cannot(format!("it cannot be created: {error}")))
-                }
-                // Created by another process at the same moment is as good.
-                _ => Ok(()),
-            }
-        }
-        Err(error) => Err(cannot(error.to_string())),
-    }
-}
-
-/// Makes sure that the file is ours, and brings its schema up to date under the write lock.
-async fn prepare(writer: &SqlitePool, file: &Path) -> StoreResult<()> {
-    let cannot = |reason: String| StoreError::CannotOpen { path: file.display().to_string(), reason };
-    let mut tx = writer.begin_with("BEGIN IMMEDIATE").await?;
-    let application: i64 = sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut *tx).await?;
-    let tables: i64 = sqlx::query_scalar("SELECT count(*) FROM sqlite_master").fetch_one(&mut *tx).await?;
-    if application != APPLICATION_ID && (application != 0 || tables != 0) {
-        return Err(cannot("it is an SQLite database of another program".to_owned()));
-    }
-    // Within the transaction, so that two processes that start together do not migrate at once.
-    migrator().run(&mut *tx).await.map_err(|error| match error {
-        MigrateError::VersionMissing(version) | MigrateError::VersionTooNew(version, _) => cannot(format!(
-            "it was written by a newer version of this program (its schema has step {version}, unknown here); \
-             run that version, or restore an older backup"
-        )),
-        other => other.into(),
-    })?;
-    tx.commit().await?;
-    Ok(())
-}
-
-/// Says in words what SQLite says in codes.
-fn explain(file: &Path, error: StoreError) -> StoreError {
-    let StoreError::Database(sqlx::Error::Database(cause)) = &error else { return error };
-    let reason = match primary_code(cause.as_ref()) {
-        Some(26) => "it is not a database".to_owned(),
-        Some(11) => format!("it is damaged ({cause}); restore a backup"),
-        Some(8 | 14) => format!("it, or the directory it is in, cannot be written ({cause})"),
-        Some(5) => "another program holds a lock on it".to_owned(),
-        _ => return error,
-    };
-    StoreError::CannotOpen { path: file.display().to_string(), reason }
-}
-
-/// A directory of our own, removed when dropped.
-#[derive(Debug)]
-struct TemporaryDirectory(PathBuf);
-
-impl TemporaryDirectory {
-    fn create() -> StoreResult<Self> {
-        let path = std::env::temp_dir().join(format!("volition-{}", uuid::Uuid::now_v7()));
-        let mut builder = std::fs::DirBuilder::new();
-        #[cfg(unix)]
-        std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
-        builder.create(&path).map_err(|error| StoreError::CannotOpen {
-            path: path.display().to_string(),
-            reason: format!("the temporary directory cannot be created: {error}"),
-        })?;
-        Ok(Self(path))
-    }
-}
-
-impl Drop for TemporaryDirectory {
-    fn drop(&mut self) {
-        if let Err(error) = std::fs::remove_dir_all(&self.0) {
-            tracing::warn!(path = %self.0.display(), %error, "a temporary database was left behind");
-        }
     }
 }

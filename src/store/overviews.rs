@@ -1,7 +1,7 @@
 //! What pages list: studies with their counts, and the latest analyses.
 
 use super::error::StoreResult;
-use super::nouns::{each, select};
+use super::nouns::select;
 use super::open::Store;
 use super::records::{AnalysisRecord, Study, StudyOverview};
 use super::rows::{get, time, unsigned};
@@ -17,7 +17,9 @@ impl Store {
         let mut tx = self.snapshot().await?;
         let rows = sqlx::query(select::<Study>("ORDER BY n.id DESC LIMIT $1")).bind(limit).fetch_all(&mut *tx).await?;
         let mut overviews = Vec::with_capacity(rows.len());
-        for study in each::<Study>(&rows)? {
+        for row in &rows {
+            // One that is damaged is noted, and the others are shown.
+            let Some(study) = self.sound::<Study>(row)? else { continue };
             let counts = sqlx::query(
                 "SELECT (SELECT count(*) FROM subjects WHERE study_id = $1) AS subjects,
                     (SELECT count(*) FROM trials WHERE study_id = $1) AS trials,
@@ -64,9 +66,10 @@ impl Store {
         .bind(status.name())
         .bind(study.map(|id| id.to_string()))
         .bind(limit)
-        .fetch_all(self.readers())
+        .fetch_all(self.readers()?)
         .await?;
-        each(&rows)
+        let sound = rows.iter().filter_map(|row| self.sound::<AnalysisRecord>(row).transpose());
+        sound.collect()
     }
 
     /// How many trials of a study each kind of analysis has succeeded for, by the kind's name.
@@ -80,7 +83,7 @@ impl Store {
              WHERE a.study_id = $1 AND a.status = 'succeeded' GROUP BY a.kind",
         )
         .bind(study.to_string())
-        .fetch_all(self.readers())
+        .fetch_all(self.readers()?)
         .await?;
         rows.iter().map(|row| Ok((get(row, "kind")?, unsigned(row, "trials")?))).collect()
     }

@@ -31,7 +31,7 @@ impl Store {
              FROM analyses WHERE finished_at IS NULL OR finished_at >= $1",
         )
         .bind(now.saturating_sub((hours * MICROSECONDS) as i64))
-        .fetch_all(self.readers())
+        .fetch_all(self.readers()?)
         .await?;
         let before = |at: i64| (at - now) as f64 / MICROSECONDS;
         rows.iter()

@@ -1,7 +1,8 @@
 //! Plants of a study.
 
 use super::error::{StoreError, StoreResult, breaks_unique};
-use super::nouns::{Change, Make, Noun, each, must_exist, select};
+use super::lists::Filter;
+use super::nouns::{Change, Make, Noun, must_exist};
 use super::open::Store;
 use super::records::{Created, IdempotencyKey, NewPlant, Page, Plant, PlantPatch};
 use super::rows::{get, json, json_verified, parsed, sha256, time, to_json};
@@ -140,12 +141,11 @@ impl Store {
     pub async fn plants(&self, study: StudyId, page: Page) -> StoreResult<Vec<Plant>> {
         let mut tx = self.snapshot().await?;
         must_exist(&mut tx, study).await?;
-        let rows = sqlx::query(select::<Plant>("WHERE n.study_id = $1 AND n.id > $2 ORDER BY n.id LIMIT $3"))
-            .bind(study.to_string())
-            .bind(page.after_id())
-            .bind(page.limit)
-            .fetch_all(&mut *tx)
-            .await?;
-        each(&rows)
+        self.page_of(&mut tx, &of_study(study), page).await
     }
+}
+
+/// Those of a study.
+pub(super) fn of_study(study: StudyId) -> Filter {
+    Filter::default().and("n.study_id = ?", Some(study.to_string()))
 }

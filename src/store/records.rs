@@ -392,6 +392,15 @@ pub struct TrialReport {
     pub report: Arc<Report>,
 }
 
+/// Reports of analyses of trials.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct TrialReports {
+    /// In the order of the trials asked for, each trial's oldest first.
+    pub found: Vec<TrialReport>,
+    /// Analyses whose stored report is damaged, and why.
+    pub damaged: Vec<(AnalysisId, String)>,
+}
+
 /// The right to write to a running analysis.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Lease {

@@ -26,32 +26,22 @@ const AT_ONCE_BYTES: i64 = 32 << 20;
 const PAUSE: Duration = Duration::from_secs(5);
 
 impl Store {
-    /// Begins a write after which something must be gone.
-    pub(super) async fn begin_erasing(&self) -> StoreResult<Transaction<'static, Sqlite>> {
-        let mut tx = self.begin().await?;
+    /// Turns a write into one after which something must be gone.
+    pub(super) async fn begin_erasing(
+        &self,
+        mut tx: Transaction<'static, Sqlite>,
+    ) -> StoreResult<Transaction<'static, Sqlite>> {
         let debt = debt(&mut tx).await?;
         set_debt(&mut tx, debt.saturating_add(1)).await?;
         Ok(tx)
     }
 
-    /// Runs a deletion to its end and clears its traces away, even when whoever asked has gone away meanwhile.
-    pub(super) async fn erase<T, F>(&self, deletion: F) -> StoreResult<T>
-    where
-        T: Send + 'static,
-        F: Future<Output = StoreResult<T>> + Send + 'static,
-    {
-        let store = self.clone();
-        let task = tokio::spawn(async move {
-            let outcome = deletion.await?;
-            store.inner().log_due.store(true, Ordering::SeqCst);
-            store.scrub_if_due().await;
-            Ok(outcome)
-        });
-        match task.await {
-            Ok(outcome) => outcome,
-            Err(error) if error.is_panic() => std::panic::resume_unwind(error.into_panic()),
-            Err(_) => Err(sqlx::Error::PoolClosed.into()),
-        }
+    /// The outcome of a deletion, once its traces are cleared away.
+    pub(super) async fn erased<T>(&self, deletion: impl Future<Output = StoreResult<T>>) -> StoreResult<T> {
+        let outcome = deletion.await?;
+        self.inner().log_due.store(true, Ordering::SeqCst);
+        self.scrub_if_due().await;
+        Ok(outcome)
     }
 
     /// Clears every trace of earlier deletions away, however large the database is. Writes wait meanwhile; reads do
@@ -60,7 +50,7 @@ impl Store {
     /// # Errors
     /// The database's own; the debt then stays.
     pub async fn scrub(&self) -> StoreResult<()> {
-        let mut connection = self.writer().acquire().await?;
+        let mut connection = self.writer()?.acquire().await?;
         let owed = debt(&mut connection).await?;
         if owed > 0 {
             let begin = Instant::now();
@@ -120,7 +110,7 @@ impl Store {
     }
 
     async fn owes_and_is_small(&self) -> StoreResult<(bool, bool)> {
-        let mut connection = self.readers().acquire().await?;
+        let mut connection = self.readers()?.acquire().await?;
         Ok((debt(&mut connection).await? > 0, size(&mut connection).await? <= AT_ONCE_BYTES))
     }
 
@@ -129,8 +119,11 @@ impl Store {
     /// A reader that holds an old state can prevent that; then it stays due, and the next deletion or rescue (each
     /// worker makes one every few seconds) tries again.
     async fn truncate_log(&self) {
-        let outcome =
-            sqlx::query_as::<_, (i64, i64, i64)>("PRAGMA wal_checkpoint(TRUNCATE)").fetch_one(self.writer()).await;
+        let outcome = async {
+            let cut = sqlx::query_as::<_, (i64, i64, i64)>("PRAGMA wal_checkpoint(TRUNCATE)");
+            StoreResult::Ok(cut.fetch_one(self.writer()?).await?)
+        }
+        .await;
         self.inner().log_due.store(!matches!(outcome, Ok((0, _, _))), Ordering::SeqCst);
         match outcome {
             Ok((0, _, _)) => {}
@@ -155,10 +148,13 @@ async fn set_debt(connection: &mut SqliteConnection, debt: i64) -> StoreResult<(
 async fn settle(connection: &mut SqliteConnection, paid: i64, pause_us: i64) -> StoreResult<()> {
     let owed = debt(connection).await?;
     set_debt(connection, owed - paid).await?;
-    sqlx::query("UPDATE analyses SET lease_expires_at = lease_expires_at + $1 WHERE status = 'running'")
-        .bind(pause_us)
-        .execute(connection)
-        .await?;
+    // Seen as a sign of life of every worker, none of which could give one.
+    sqlx::query(
+        "UPDATE analyses SET beat = beat + 1, lease_expires_at = lease_expires_at + $1 WHERE status = 'running'",
+    )
+    .bind(pause_us)
+    .execute(connection)
+    .await?;
     Ok(())
 }
 

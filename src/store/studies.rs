@@ -1,7 +1,8 @@
 //! Studies.
 
 use super::error::StoreResult;
-use super::nouns::{Change, Make, Noun, each, select};
+use super::lists::Filter;
+use super::nouns::{Change, Make, Noun};
 use super::open::Store;
 use super::records::{Created, IdempotencyKey, NewStudy, Page, Study, StudyPatch};
 use super::rows::{get, parsed, time};
@@ -122,11 +123,6 @@ impl Store {
     /// # Errors
     /// The database's own.
     pub async fn studies(&self, page: Page) -> StoreResult<Vec<Study>> {
-        let rows = sqlx::query(select::<Study>("WHERE n.id > $1 ORDER BY n.id LIMIT $2"))
-            .bind(page.after_id())
-            .bind(page.limit)
-            .fetch_all(self.readers())
-            .await?;
-        each(&rows)
+        self.page_of(&mut *self.readers()?.acquire().await?, &Filter::default(), page).await
     }
 }

@@ -1,7 +1,8 @@
 //! Subjects of a study.
 
 use super::error::{StoreError, StoreResult, breaks_unique};
-use super::nouns::{Change, Make, Noun, each, must_exist, select};
+use super::lists::Filter;
+use super::nouns::{Change, Make, Noun, must_exist};
 use super::open::Store;
 use super::records::{Created, IdempotencyKey, NewSubject, Page, Subject, SubjectPatch};
 use super::rows::{get, json, parsed, time, to_json};
@@ -131,15 +132,11 @@ impl Store {
     pub async fn subjects(&self, study: StudyId, group: Option<&str>, page: Page) -> StoreResult<Vec<Subject>> {
         let mut tx = self.snapshot().await?;
         must_exist(&mut tx, study).await?;
-        let rows = sqlx::query(select::<Subject>(
-            "WHERE n.study_id = $1 AND n.id > $2 AND ($3 IS NULL OR n.group_name = $3) ORDER BY n.id LIMIT $4",
-        ))
-        .bind(study.to_string())
-        .bind(page.after_id())
-        .bind(group)
-        .bind(page.limit)
-        .fetch_all(&mut *tx)
-        .await?;
-        each(&rows)
+        self.page_of(&mut tx, &of_group(study, group), page).await
     }
+}
+
+/// Those of a study, of one group where one is given.
+pub(super) fn of_group(study: StudyId, group: Option<&str>) -> Filter {
+    Filter::default().and("n.study_id = ?", Some(study.to_string())).and("n.group_name = ?", group)
 }

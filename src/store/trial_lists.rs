@@ -1,10 +1,40 @@
 //! Trials: several at a time.
 
 use super::error::StoreResult;
-use super::nouns::{each, fetch, must_exist, select};
+use super::lists::Filter;
+use super::nouns::{fetch, must_exist};
 use super::open::Store;
 use super::records::{Page, Subject, TrialFilter, TrialRecord};
 use crate::analysis::ids::{StudyId, SubjectId};
+
+/// By subject (in the order they were added), session and number.
+pub(super) const IN_ORDER: &str = "ORDER BY n.subject_id, n.session IS NOT NULL, n.session, n.number, n.id";
+
+/// Those of a subject.
+pub(super) fn of_subject(subject: SubjectId) -> Filter {
+    Filter::default().and("n.subject_id = ?", Some(subject.to_string()))
+}
+
+/// Those that match a filter.
+pub(super) fn matching(study: StudyId, filter: &TrialFilter) -> Filter {
+    // A subject has few trials beside a study: where one is asked for, the study is only looked at.
+    let of_study = if filter.subject.is_some() { "+n.study_id = ?" } else { "n.study_id = ?" };
+    let found = Filter::default()
+        .and("n.subject_id = ?", filter.subject.map(|id| id.to_string()))
+        .and(of_study, Some(study.to_string()))
+        .and(
+            "EXISTS (SELECT 1 FROM subjects p WHERE p.id = n.subject_id AND p.group_name = ?)",
+            filter.group.as_deref(),
+        )
+        .and("+n.plant_id = ?", filter.plant.map(|id| id.to_string()))
+        .and("n.session = ?", filter.session)
+        .and("n.number >= ?", filter.number_from)
+        .and("n.number <= ?", filter.number_to);
+    if filter.include_divergent {
+        return found;
+    }
+    found.plain("(s.display_limit IS NULL OR n.max_abs_output <= s.display_limit)")
+}
 
 impl Store {
     /// A page of a subject's trials, in the order in which they were uploaded.
@@ -14,13 +44,7 @@ impl Store {
     pub async fn trials(&self, subject: SubjectId, page: Page) -> StoreResult<Vec<TrialRecord>> {
         let mut tx = self.snapshot().await?;
         fetch::<Subject>(&mut tx, subject).await?;
-        let rows = sqlx::query(select::<TrialRecord>("WHERE n.subject_id = $1 AND n.id > $2 ORDER BY n.id LIMIT $3"))
-            .bind(subject.to_string())
-            .bind(page.after_id())
-            .bind(page.limit)
-            .fetch_all(&mut *tx)
-            .await?;
-        each(&rows)
+        self.page_of(&mut tx, &of_subject(subject), page).await
     }
 
     /// Other subjects' trials of the same study with this content, for a warning.
@@ -28,15 +52,11 @@ impl Store {
     /// # Errors
     /// The database's own.
     pub async fn same_content(&self, study: StudyId, sha256: &str, except: SubjectId) -> StoreResult<Vec<TrialRecord>> {
-        let rows = sqlx::query(select::<TrialRecord>(
-            "WHERE n.study_id = $1 AND n.sha256 = $2 AND n.subject_id <> $3 ORDER BY n.id",
-        ))
-        .bind(study.to_string())
-        .bind(sha256)
-        .bind(except.to_string())
-        .fetch_all(self.readers())
-        .await?;
-        each(&rows)
+        let filter = Filter::default()
+            .and("n.study_id = ?", Some(study.to_string()))
+            .and("n.sha256 = ?", Some(sha256))
+            .and("n.subject_id <> ?", Some(except.to_string()));
+        self.trials_in(&filter, "ORDER BY n.id").await
     }
 
     /// The trials of a study that match a filter, by subject (in the order they were added), session and number.
@@ -44,27 +64,17 @@ impl Store {
     /// # Errors
     /// [`StoreError::NotFound`](super::StoreError::NotFound) (study), the database's own.
     pub async fn matching_trials(&self, study: StudyId, filter: &TrialFilter) -> StoreResult<Vec<TrialRecord>> {
-        let mut tx = self.snapshot().await?;
-        must_exist(&mut tx, study).await?;
-        let rows = sqlx::query(select::<TrialRecord>(
-            "JOIN subjects p ON p.id = n.subject_id
-             WHERE n.study_id = $1
-               AND ($2 IS NULL OR p.group_name = $2) AND ($3 IS NULL OR n.subject_id = $3)
-               AND ($4 IS NULL OR n.plant_id = $4) AND ($5 IS NULL OR n.session = $5)
-               AND ($6 IS NULL OR n.number >= $6) AND ($7 IS NULL OR n.number <= $7)
-               AND ($8 OR s.display_limit IS NULL OR n.max_abs_output <= s.display_limit)
-             ORDER BY n.subject_id, n.session IS NOT NULL, n.session, n.number, n.id",
-        ))
-        .bind(study.to_string())
-        .bind(&filter.group)
-        .bind(filter.subject.map(|id| id.to_string()))
-        .bind(filter.plant.map(|id| id.to_string()))
-        .bind(filter.session)
-        .bind(filter.number_from)
-        .bind(filter.number_to)
-        .bind(filter.include_divergent)
-        .fetch_all(&mut *tx)
-        .await?;
-        each(&rows)
+        must_exist(&mut *self.readers()?.acquire().await?, study).await?;
+        self.trials_in(&matching(study, filter), IN_ORDER).await
+    }
+
+    async fn trials_in(&self, filter: &Filter, order: &str) -> StoreResult<Vec<TrialRecord>> {
+        let mut connection = self.readers()?.acquire().await?;
+        let rows = filter.rows(&mut connection, filter.select::<TrialRecord>(&[], order), &[]).await?;
+        let mut found = Vec::with_capacity(rows.len());
+        for row in &rows {
+            found.extend(self.sound(row)?);
+        }
+        Ok(found)
     }
 }

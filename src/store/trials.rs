@@ -1,11 +1,12 @@
 //! Trials: one at a time.
 
+use super::blocking::off_runtime;
 use super::error::{StoreError, StoreResult, breaks_unique};
 use super::idempotency::{or_deleted, remember, replay};
 use super::nouns::{Change, Noun, fetch};
 use super::open::Store;
 use super::records::{Created, IdempotencyKey, NewTrial, Subject, TrialPatch, TrialRecord};
-use super::rows::{get, json, parsed, signed, time, to_json, unsigned};
+use super::rows::{get, json, json_verified, parsed, sha256, signed, time, to_json, unsigned};
 use super::signals::{Packed, pack};
 use crate::analysis::ids::{SubjectId, TrialId};
 use crate::num::hexadecimal::hexadecimal;
@@ -20,7 +21,9 @@ impl Noun for TrialRecord {
     type Id = TrialId;
     const NAME: &'static str = "trial";
     const TABLE: &'static str = "trials";
-    const SELECT: &'static str = "SELECT n.*, s.display_limit FROM trials n JOIN studies s ON s.id = n.study_id";
+    const SELECT: &'static str =
+        // The order of the join is said: with many studies the database may take it for better the other way round.
+        "SELECT n.*, s.display_limit FROM trials n CROSS JOIN studies s ON s.id = n.study_id";
 
     fn from_row(row: &SqliteRow) -> StoreResult<Self> {
         let max_abs_output: f64 = get(row, "max_abs_output")?;
@@ -38,7 +41,11 @@ impl Noun for TrialRecord {
             sha256: get(row, "sha256")?,
             max_abs_output,
             divergent: display_limit.is_some_and(|limit| max_abs_output > limit),
-            metrics: json(row, "metrics")?,
+            metrics: match get::<Option<&str>>(row, "metrics_sha256")? {
+                Some(_) => json_verified(row, "metrics", "metrics_sha256")?,
+                // Stored before there was a hash.
+                None => json(row, "metrics")?,
+            },
             warnings: json(row, "warnings")?,
             units: json(row, "units")?,
             version: get(row, "version")?,
@@ -64,17 +71,6 @@ fn number_taken(error: sqlx::Error, number: i64, session: Option<i64>) -> StoreE
         return StoreError::Conflict { rule: "trial_number_taken", detail };
     }
     error.into()
-}
-
-/// Runs heavy packing away from the runtime's own threads.
-pub(super) async fn off_runtime<T: Send + 'static>(
-    work: impl FnOnce() -> StoreResult<T> + Send + 'static,
-) -> StoreResult<T> {
-    match tokio::task::spawn_blocking(work).await {
-        Ok(outcome) => outcome,
-        Err(error) if error.is_panic() => std::panic::resume_unwind(error.into_panic()),
-        Err(_) => Err(sqlx::Error::PoolClosed.into()),
-    }
 }
 
 fn pack_all(new: Vec<NewTrial>) -> StoreResult<Vec<(NewTrial, Vec<Packed>)>> {
@@ -112,10 +108,12 @@ async fn insert(
         return Err(StoreError::not_found("plant", new.plant));
     }
     let id = Uuid::now_v7().to_string();
+    let metrics = to_json(&new.metrics)?;
     sqlx::query(
         "INSERT INTO trials (id, study_id, subject_id, plant_id, number, session, sample_time_s, samples,
-            has_disturbance, sha256, max_abs_output, metrics, created_at, updated_at, warnings, signals_sha256)
-         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $13, $14, $15)",
+            has_disturbance, sha256, max_abs_output, metrics, created_at, updated_at, warnings, signals_sha256,
+            metrics_sha256)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $13, $14, $15, $16)",
     )
     .bind(&id)
     .bind(study)
@@ -128,10 +126,11 @@ async fn insert(
     .bind(new.trial.signals.disturbance.is_some())
     .bind(&new.sha256)
     .bind(new.max_abs_output)
-    .bind(to_json(&new.metrics)?)
+    .bind(&metrics)
     .bind(now)
     .bind(to_json(&new.warnings)?)
     .bind(hexadecimal(&new.trial.signals_sha256()))
+    .bind(sha256(&metrics))
     .execute(&mut *connection)
     .await
     .map_err(|error| number_taken(error, new.number, new.session))?;
@@ -194,9 +193,19 @@ impl Store {
         new: Vec<NewTrial>,
         key: Option<&IdempotencyKey>,
     ) -> StoreResult<Vec<Created<TrialRecord>>> {
+        let packed = off_runtime(move || pack_all(new)).await?;
+        let (store, key) = (self.clone(), key.cloned());
+        self.uninterrupted(async move { store.write_trials(subject, &packed, key.as_ref()).await }).await
+    }
+
+    async fn write_trials(
+        &self,
+        subject: SubjectId,
+        packed: &[(NewTrial, Vec<Packed>)],
+        key: Option<&IdempotencyKey>,
+    ) -> StoreResult<Vec<Created<TrialRecord>>> {
         let scope = format!("subjects/{subject}/trials");
         let subject = subject.to_string();
-        let packed = off_runtime(move || pack_all(new)).await?;
         let mut tx = self.begin().await?;
         let study = fetch::<Subject>(&mut tx, &subject).await?.study.to_string();
         let mut outcome = Vec::with_capacity(packed.len());
@@ -208,7 +217,7 @@ impl Store {
         }
         let now = self.now_us();
         let mut ids = Vec::with_capacity(packed.len());
-        for (new, columns) in &packed {
+        for (new, columns) in packed {
             // The same signals in another format have another content hash: a time column, or a sample time written
             // with other digits. At another rate they are another recording.
             let known: Option<String> = sqlx::query_scalar(

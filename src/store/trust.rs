@@ -103,22 +103,20 @@ pub(super) async fn write(connection: &mut SqliteConnection, id: AnalysisId, rep
     Ok(())
 }
 
+/// Reports that were never judged, or by another version of the rule, so many at most.
+async fn unjudged(connection: &mut SqliteConnection, limit: i64) -> StoreResult<Vec<SqliteRow>> {
+    let select = "SELECT id, report FROM analyses
+         WHERE status = 'succeeded' AND (trust_rule IS NULL OR trust_rule <> $1) LIMIT $2";
+    Ok(sqlx::query(select).bind(i64::from(RULE_VERSION)).bind(limit).fetch_all(connection).await?)
+}
+
 impl Store {
     /// Judges the reports that were never judged, or by another version of the rule, so that no list mixes two.
     pub(super) async fn judge_unjudged(&self) -> StoreResult<()> {
-        loop {
+        // Nearly always there are none: nobody waits for the write lock then.
+        while !unjudged(&mut *self.readers()?.acquire().await?, 1).await?.is_empty() {
             let mut tx = self.begin().await?;
-            let rows = sqlx::query(
-                "SELECT id, report FROM analyses
-                 WHERE status = 'succeeded' AND (trust_rule IS NULL OR trust_rule <> $1) LIMIT $2",
-            )
-            .bind(i64::from(RULE_VERSION))
-            .bind(AT_ONCE)
-            .fetch_all(&mut *tx)
-            .await?;
-            if rows.is_empty() {
-                return Ok(());
-            }
+            let rows = unjudged(&mut tx, AT_ONCE).await?;
             for row in &rows {
                 let id: AnalysisId = parsed(row, "id")?;
                 // A report that cannot be read is found damaged when it is asked for; here it has no quantities.
@@ -136,6 +134,7 @@ impl Store {
             }
             tx.commit().await?;
         }
+        Ok(())
     }
 
     /// How far the quantities of an analysis may be used, by trial, estimator and name; nothing before it succeeded.
@@ -146,7 +145,7 @@ impl Store {
         let rows =
             sqlx::query("SELECT * FROM analysis_trust WHERE analysis_id = $1 ORDER BY position, estimator, quantity")
                 .bind(id.to_string())
-                .fetch_all(self.readers())
+                .fetch_all(self.readers()?)
                 .await?;
         rows.iter().map(quantity).collect()
     }
@@ -170,7 +169,7 @@ impl Store {
         .bind(filter.trial.map(|id| id.to_string()))
         .bind(&filter.quantity)
         .bind(&filter.estimator)
-        .fetch_all(self.readers())
+        .fetch_all(self.readers()?)
         .await?;
         let one = |row: &SqliteRow| {
             Ok(StoredTrust {

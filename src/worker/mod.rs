@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! claim ──► parse ──► fetch inputs ──► compute on an own rayon pool ──► write the outcome
-//!              │             every half second: cancelled? lease lost?  │
-//!              └── heartbeat: lease extended, progress written ─────────┘
+//!              │            ten times a second: cancelled? lease lost?  │
+//!              └── heartbeat: sign of life and progress written ────────┘
 //! ```
 //!
 //! - **Never on the runtime's threads.** Each analysis has an operating system thread and a rayon pool of its own, at a

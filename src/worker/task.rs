@@ -7,7 +7,7 @@ use crate::analysis::ids::AnalysisId;
 use crate::analysis::{Code, Failure, Incumbent, Library, Problem, References, Report};
 use crate::ctl::{Ctl, StopReason, Stopped};
 use crate::jobs::LeasePolicy;
-use crate::store::{Claim, Heartbeat, Lease, LeaseState, Store, StoreError};
+use crate::store::{Claim, Heartbeat, Lease, LeaseState, Store, StoreError, Trouble};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,6 +22,9 @@ const FETCH_PAUSE: Duration = Duration::from_millis(500);
 
 /// How often reading the inputs is tried while the database fails in a way that may pass.
 const FETCH_TRIES: u32 = 4;
+
+/// How long an outcome is kept while it cannot be written because of the disk.
+const OUTAGE: Duration = Duration::from_secs(3600);
 
 /// What one analysis needs from its worker.
 pub(super) struct Attendant {
@@ -209,7 +212,8 @@ impl Attendant {
         }
     }
 
-    /// Writes the outcome, again and again while the database fails, for as long as two leases.
+    /// Writes the outcome, again and again while the database fails, for as long as two leases; while the disk is
+    /// full or fails, when nobody can take the work over either, for an hour.
     async fn write(&self, lease: &Lease, outcome: Outcome, ctl: &Ctl) -> Ended {
         let begin = Instant::now();
         let mut pause = Duration::from_millis(50);
@@ -218,7 +222,11 @@ impl Attendant {
                 Ok(ended) => return ended,
                 Err(error) => error,
             };
-            if begin.elapsed() > 2 * self.policy.lease() {
+            let patience = match error.trouble() {
+                Some(Trouble::Full | Trouble::Unusable) => OUTAGE.max(2 * self.policy.lease()),
+                _ => 2 * self.policy.lease(),
+            };
+            if begin.elapsed() > patience {
                 tracing::error!(analysis = %lease.analysis, %error, "the outcome could not be written; it will be \
                     computed again");
                 return Ended::Unwritten;

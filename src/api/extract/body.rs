@@ -7,6 +7,13 @@ use crate::api::state::AppState;
 use axum::body::Body;
 use axum::http::{HeaderMap, HeaderValue, header};
 use futures::StreamExt;
+use std::time::Instant;
+
+/// Bytes that are held for a body before it comes.
+const FIRST_BYTES: usize = 1 << 20;
+
+/// Bodies come at this rate at least, on the average.
+const LEAST_BYTES_PER_S: f64 = 64.0 * 1024.0;
 
 /// The media type of a body in lower case, without parameters.
 pub(in crate::api) fn media_type(headers: &HeaderMap) -> Option<String> {
@@ -68,9 +75,20 @@ pub(in crate::api) async fn read_body(state: &AppState, headers: &HeaderMap, bod
     {
         return Err(too_large(format!("{size} bytes")));
     }
-    let mut bytes = Vec::with_capacity(declared.unwrap_or(0) as usize);
+    // What is declared is not held before it comes.
+    let mut bytes = Vec::with_capacity((declared.unwrap_or(0) as usize).min(FIRST_BYTES));
     let mut stream = body.into_data_stream();
+    let began = Instant::now();
     loop {
+        // Whoever sends a byte now and then holds what others wait for.
+        let due = bytes.len() as f64 / LEAST_BYTES_PER_S;
+        if began.elapsed().as_secs_f64() > state.limits.body_stall.as_secs_f64() + due {
+            let detail = format!("{} bytes came in {} s", bytes.len(), began.elapsed().as_secs());
+            return Err(Problem::new(Code::DeadlineExceeded, "the body comes too slowly", detail)
+                .at("body")
+                .mend("Send it over a faster line, or in several requests.")
+                .into());
+        }
         match tokio::time::timeout(state.limits.body_stall, stream.next()).await {
             Ok(None) => return Ok(bytes),
             Ok(Some(Ok(chunk))) => {

@@ -2,14 +2,17 @@
 
 use super::body::{Encoding, encoding, media_type, read_body, unsupported};
 use super::off_thread;
+use super::weight::in_memory;
 use crate::analysis::{Code, Problem};
-use crate::api::problem::{ApiError, ApiResult, RequestCode};
-use crate::api::state::AppState;
+use crate::api::problem::{ApiError, ApiResult, RequestCode, internal};
+use crate::api::state::{AppState, ROOM_UNIT};
 use crate::trial::pointer;
 use axum::body::{Body, Bytes};
 use axum::extract::{FromRequest, Request};
-use axum::http::HeaderMap;
+use axum::http::{HeaderMap, header};
 use serde::de::DeserializeOwned;
+use std::sync::Arc;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 /// JSON above this many bytes is parsed on a blocking thread.
 const SMALL_JSON: usize = 64 << 10;
@@ -21,6 +24,8 @@ pub(crate) struct Json<T> {
     pub(crate) value: T,
     /// How it said it.
     pub(crate) bytes: Bytes,
+    /// The memory that it takes, lent until the request is answered.
+    _room: Vec<Arc<OwnedSemaphorePermit>>,
 }
 
 impl<T: DeserializeOwned + Send + 'static> FromRequest<AppState> for Json<T> {
@@ -66,14 +71,43 @@ async fn read_json<T: DeserializeOwned + Send + 'static>(
         .mend("Send the body as it is.")
         .into());
     }
+    let declared = headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
+    let mut room = Vec::new();
+    // Before anything of it is held. Who does not say how much it will be is lent the most that is taken.
+    let most = state.limits.max_body_bytes as u64;
+    match declared {
+        Some(size) if size <= SMALL_JSON as u64 || size > most => {}
+        size => room.push(lend(&state.json_bodies, size.unwrap_or(most)).await?),
+    }
     let bytes = Bytes::from(read_body(state, headers, body).await?);
-    let value = if bytes.len() <= SMALL_JSON {
-        from_json_object(&bytes)?
-    } else {
-        let bytes = bytes.clone();
-        off_thread(move || from_json_object(&bytes)).await??
-    };
-    Ok(Json { value, bytes })
+    if bytes.len() <= SMALL_JSON {
+        return Ok(Json { value: from_json_object(&bytes)?, bytes, _room: Vec::new() });
+    }
+    let looked_at = bytes.clone();
+    let takes = off_thread(move || in_memory(&looked_at)).await?;
+    let limit = state.limits.max_json_memory_bytes;
+    if takes > limit {
+        let detail = format!(
+            "the JSON takes about {} MiB of memory once it is read, and {} MiB are taken at most",
+            takes >> 20,
+            limit >> 20
+        );
+        return Err(Problem::new(Code::TooLarge, "body too large", detail)
+            .at("body")
+            .mend("Send fewer or shorter lists; upload recordings as trials and name them by id.")
+            .into());
+    }
+    room.push(lend(&state.json_memory, takes).await?);
+    let parsed = bytes.clone();
+    let value = off_thread(move || from_json_object(&parsed)).await??;
+    Ok(Json { value, bytes, _room: room })
+}
+
+/// Waits until so many bytes are free, and takes them.
+async fn lend(room: &Arc<Semaphore>, bytes: u64) -> ApiResult<Arc<OwnedSemaphorePermit>> {
+    let units = u32::try_from(bytes.div_ceil(ROOM_UNIT)).unwrap_or(u32::MAX);
+    let permit = Arc::clone(room).acquire_many_owned(units).await.map_err(|_| internal())?;
+    Ok(Arc::new(permit))
 }
 
 /// A JSON object as the struct `T`.

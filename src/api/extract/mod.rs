@@ -3,6 +3,7 @@
 mod body;
 mod json;
 mod query;
+mod weight;
 
 pub(super) use body::{Encoding, encoding, media_type, read_body, unsupported};
 pub(super) use json::{Integer, Json, MergePatch, from_json, from_value};

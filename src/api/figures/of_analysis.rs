@@ -31,6 +31,7 @@ use crate::trial::Trial;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
+use serde_json::Value;
 use utoipa::IntoParams;
 
 const BODE: Offered = Offered { name: bode::NAME, title: "Gff, Gfb and Gff·G with their bands" };

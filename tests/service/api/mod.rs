@@ -4,6 +4,7 @@ mod analyses;
 mod bad_input;
 mod comparison;
 mod conditional;
+mod connections;
 mod designs;
 mod events;
 mod excitation;

@@ -278,6 +278,39 @@ async fn rescued_work_goes_to_the_end_of_the_queue() {
     assert_eq!(store.claim("w", LEASE_S).await.unwrap().unwrap().lease.analysis, victim);
 }
 
+/// A run of hundreds delays neither another study nor an analysis of another kind, and each line keeps its order.
+#[tokio::test]
+async fn lines_of_studies_and_kinds_take_turns() {
+    let bench = Bench::new().await;
+    let store = &bench.store;
+    let (one, other) = (bench.study().await, bench.study().await);
+    let new = |study, kind| NewAnalysis { study: Some(study), kind, ..new_analysis(Vec::new()) };
+    let many = store.create_analyses(vec![new(one, ssid::Plan::KIND); 300], None).await.unwrap();
+    let run: Vec<AnalysisId> = many.iter().map(|analysis| analysis.id).collect();
+    let claim = async || store.claim("w", LEASE_S).await.unwrap().unwrap().lease.analysis;
+    for expected in &run[..100] {
+        assert_eq!(claim().await, *expected);
+    }
+    let short = frequency_response::Plan::KIND;
+    let first = store.create_analyses(vec![new(other, ssid::Plan::KIND); 3], None).await.unwrap();
+    let quick = store.create_analysis(new(one, short), None).await.unwrap().into_inner().id;
+    let mut taken = Vec::new();
+    for _ in 0..8 {
+        taken.push(claim().await);
+    }
+    let place = |id: AnalysisId| taken.iter().position(|other| *other == id);
+    assert!(place(quick).is_some_and(|place| place <= 2), "the short one waited for a run");
+    for analysis in &first {
+        assert!(place(analysis.id).is_some(), "the other study waited for a run");
+    }
+    let of_run: Vec<_> = taken.iter().filter(|id| run.contains(id)).copied().collect();
+    assert_eq!(of_run, run[100..104], "and the run goes on meanwhile, in order");
+    // What is released keeps its place before everything.
+    let lease = store.claim("w", LEASE_S).await.unwrap().unwrap().lease;
+    assert!(store.release(&lease).await.unwrap());
+    assert_eq!(claim().await, lease.analysis);
+}
+
 #[tokio::test]
 async fn a_job_whose_workers_die_fails_and_says_so() {
     let bench = Bench::new().await;

@@ -1,11 +1,16 @@
 //! What the store promises, whatever database is behind it: one suite, run on SQLite today.
 
 mod analyses;
+mod backups;
+mod clocks;
 mod files;
 mod keys;
 mod leases;
 mod lists;
+mod migrations;
 mod nouns;
+mod outages;
+mod plans;
 mod refused_files;
 mod trials;
 
