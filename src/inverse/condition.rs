@@ -213,14 +213,14 @@ impl Face<'_> {
     fn width(&self, space: &Space, chosen: &DVector<f64>, ctl: &Ctl) -> Result<f64, LmiError> {
         let (blocks, _) = self.restricted();
         let d = self.free.ncols();
-        let parts: Vec<_> = self.free.column_iter().map(|c| space.at(&c.clone_owned())).collect();
+        let (of_q, of_r): (Vec<_>, Vec<_>) = self.free.column_iter().map(|c| space.at(&c.clone_owned())).unzip();
         let (q, r) = space.at(chosen);
-        let diagonal = |of: fn(&(DMatrix<f64>, DMatrix<f64>)) -> &DMatrix<f64>, chosen: &DMatrix<f64>| {
-            let one = |i: usize| (chosen[(i, i)], DVector::from_fn(d, |j, _| of(&parts[j])[(i, i)]));
+        let diagonal = |parts: &[DMatrix<f64>], chosen: &DMatrix<f64>| {
+            let one = |i: usize| (chosen[(i, i)], DVector::from_fn(d, |j, _| parts[j][(i, i)]));
             (0..chosen.nrows()).map(one).collect::<Vec<_>>()
         };
-        let mut weights = diagonal(|part| &part.0, &q);
-        weights.extend(diagonal(|part| &part.1, &r));
+        let mut weights = diagonal(&of_q, &q);
+        weights.extend(diagonal(&of_r, &r));
         weights.retain(|(weight, direction)| *weight > 0.0 && direction.norm() > 1e-9 * weight);
         // The widest first, as far as that can be told: others are then given up early.
         weights.sort_by(|(x, to), (y, other)| (other.norm() / y).total_cmp(&(to.norm() / x)));

@@ -8,8 +8,7 @@ use crate::learning::comparison::people::{Contrast, CurveForm};
 use crate::learning::comparison::report::ComparedGroup;
 use crate::learning::curves::{CurveOptions, CurvePoint, Metric};
 use crate::learning::groups::GroupCurve;
-use crate::learning::trusted::StatementTrust;
-use crate::learning::{ComparisonOptions, StudyLearningCurves, SubjectInput, compare};
+use crate::learning::{ComparisonOptions, StatementTrust, StudyLearningCurves, SubjectInput, compare};
 use crate::trust::{Level, Trust};
 use maud::{Markup, html};
 use std::collections::BTreeMap;
@@ -58,19 +57,11 @@ pub(super) struct Told {
 }
 
 /// Of every group on every plant.
-pub(super) fn told(
-    curves: &StudyLearningCurves,
-    subjects: &[SubjectInput],
-    options: &CurveOptions,
-) -> Vec<Told> {
+pub(super) fn told(curves: &StudyLearningCurves, subjects: &[SubjectInput], options: &CurveOptions) -> Vec<Told> {
     curves.groups.iter().filter_map(|group| of_group(group, subjects, options)).collect()
 }
 
-fn of_group(
-    group: &GroupCurve,
-    subjects: &[SubjectInput],
-    options: &CurveOptions,
-) -> Option<Told> {
+fn of_group(group: &GroupCurve, subjects: &[SubjectInput], options: &CurveOptions) -> Option<Told> {
     // By itself: tests between groups belong to a page of their own, and take long with many people.
     let own: Vec<SubjectInput> = subjects.iter().filter(|subject| subject.group == group.group).cloned().collect();
     let settings = MetricSettings {
@@ -101,12 +92,7 @@ fn of_group(
     Some(Told { name, plant: group.plant.name.clone(), ends, steps, lacking })
 }
 
-fn step(
-    metric: Metric,
-    group: &GroupCurve,
-    found: &ComparedGroup,
-    tests: usize,
-) -> Option<Step> {
+fn step(metric: Metric, group: &GroupCurve, found: &ComparedGroup, tests: usize) -> Option<Step> {
     let own = found.metrics.iter().find(|own| own.metric == metric)?;
     let change = own.contrasts.iter().find(|own| own.contrast == Contrast::Change).cloned();
     let sessions = &found.practice.sessions;
@@ -117,7 +103,7 @@ fn step(
     let (mut pairs, mut trust) = (Vec::new(), Vec::new());
     for person in change.iter().flat_map(|change| &change.people) {
         let Some(subject) = group.subjects.iter().find(|subject| subject.code == person.code) else { continue };
-        let at = |end: f64| subject.curve.points.iter().find(|point| k(*point) == end);
+        let at = |end: f64| subject.curve.points.iter().find(|point| k(point) == end);
         let Some((first, last)) = at(found.practice.first).zip(at(found.practice.last)) else { continue };
         let Some((from, to)) = first.value(metric).zip(last.value(metric)) else { continue };
         pairs.push([from, to]);

@@ -106,18 +106,13 @@ fn answers(gathered: &Gathered) -> Vec<(Estimator, u64)> {
     Estimator::ALL.into_iter().map(|estimator| (estimator, of(estimator))).filter(|(_, trials)| *trials > 0).collect()
 }
 
-fn show(
-    mut gathered: Gathered,
-    estimator: Estimator,
-    quantity: Metric,
-    more: Option<Metric>,
-    units: &Units,
-) -> Shown {
+fn show(mut gathered: Gathered, estimator: Estimator, quantity: Metric, more: Option<Metric>, units: &Units) -> Shown {
     let options = CurveQuery::by(estimator).options();
     let curves = study_learning_curves(&gathered.subjects, &options);
     let draw = |metric, width| Drawn::new(&learning_curve(&curves, metric, units), width, [None, None]);
     let has_any = gathered.subjects.iter().flat_map(|s| &s.trials).any(|t| !t.identifications.is_empty());
-    let bode = has_any.then(|| Drawn::new(&mean_controllers(&gathered, TrialSelection::Last, &options), WHOLE, [None, None]));
+    let bode =
+        has_any.then(|| Drawn::new(&mean_controllers(&gathered, TrialSelection::Last, &options), WHOLE, [None, None]));
     let mut remarks = curves.remarks.clone();
     let shown = Shown {
         found: answers(&gathered),

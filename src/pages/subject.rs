@@ -8,7 +8,9 @@ use super::svg::Drawn;
 use super::trust::{chip, symbol};
 use crate::analysis::Problem;
 use crate::analysis::ids::SubjectId;
-use crate::api::{ApiResult, AppState, CurveQuery, FromQuery, Gathered, Id, Params, QueryText, drawing, gather, units_of_study};
+use crate::api::{
+    ApiResult, AppState, CurveQuery, FromQuery, Gathered, Id, Params, QueryText, drawing, gather, units_of_study,
+};
 use crate::figure::of::Units;
 use crate::figure::of::learning_curves::{learning_curve, name as name_of};
 use crate::figure::text::three;
@@ -18,7 +20,6 @@ use crate::trust::Level;
 use axum::extract::State;
 use axum::response::Response;
 use maud::{Markup, html};
-use std::collections::BTreeMap;
 
 /// The width of a figure in a card of half a page, in pixels.
 const HALF: u32 = 560;

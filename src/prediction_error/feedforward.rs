@@ -67,7 +67,6 @@ impl FeedforwardBasis {
 
     /// The columns for the rows of a command. What was before its first sample is taken as zero, as in a trial that
     /// starts from rest.
-    #[must_use]
     ///
     /// # Errors
     /// [`Stopped`].

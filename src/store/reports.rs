@@ -10,6 +10,7 @@ use crate::analysis::{Kind, Report};
 use sqlx::SqliteConnection;
 use sqlx::sqlite::SqliteRow;
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::sync::Arc;
 
 const NOUN: &str = AnalysisRecord::NAME;
@@ -84,8 +85,9 @@ impl Store {
                 .await?;
             for row in &rows {
                 let id: AnalysisId = parsed(row, "id")?;
-                if !reports.contains_key(&id) {
-                    let report = match one(&mut tx, id).await {
+                let report = match reports.entry(id) {
+                    Entry::Occupied(read) => read.into_mut(),
+                    Entry::Vacant(unread) => unread.insert(match one(&mut tx, id).await {
                         Ok(report) => Some(Arc::new(report)),
                         Err(StoreError::Damaged(why)) => {
                             self.inner().damage.note(NOUN, &id.to_string(), &why);
@@ -93,10 +95,9 @@ impl Store {
                             None
                         }
                         Err(error) => return Err(error),
-                    };
-                    reports.insert(id, report);
-                }
-                let Some(Some(report)) = reports.get(&id) else { continue };
+                    }),
+                };
+                let Some(report) = report else { continue };
                 all.found.push(TrialReport {
                     trial: parsed(row, "trial_id")?,
                     position: usize::try_from(get::<i64>(row, "position")?).unwrap_or_default(),

@@ -95,7 +95,7 @@ impl Trust {
             return self;
         }
         let own =
-            (self.level != Level::Ok).then(|| Reason { level: self.level, code: self.code, because: self.because });
+            (self.level != Level::Ok).then_some(Reason { level: self.level, code: self.code, because: self.because });
         let found = super::judge::divergence(true).into_iter().chain(own).chain(self.also).collect();
         super::judge::worst_of(&self.quantity, found, "ok")
     }

@@ -190,13 +190,7 @@ pub(crate) async fn read(
 }
 
 /// A figure of a report by its name.
-fn make(
-    name: &str,
-    report: &Report,
-    inputs: &Value,
-    about: &About,
-    trial: Option<&Trial>,
-) -> Result<Figure, Problem> {
+fn make(name: &str, report: &Report, inputs: &Value, about: &About, trial: Option<&Trial>) -> Result<Figure, Problem> {
     let subject = &*about.subject;
     let found = match (name, &about.first, trial) {
         (simulated::NAME, Some(first), Some(trial)) => simulated(report, trial, &first.origin(), about.plant.as_ref()),

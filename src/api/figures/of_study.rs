@@ -73,6 +73,7 @@ pub(crate) async fn units_of_study(state: &AppState, study: StudyId) -> ApiResul
         first.filter(|first| all.all(|own| own.as_ref() == Some(first)))
     };
     Ok(units_of(&SignalUnits { output: shared(|own| &own.output), control: shared(|own| &own.control) }))
+}
 
 /// The mean controllers of the groups' identified trials, the first or the last of each person, over the band that was
 /// identified.

@@ -318,8 +318,9 @@ impl FollowingLoop<'_> {
                 *norm = stretch.norm(start);
             }
             for block in 0..blocks {
-                let most = |i: usize| centres[i][block].abs() + rows[i].spreads[block] * norms[i];
-                if (0..rows.len()).map(most).product::<f64>() * HAIR <= peak.max(floor) {
+                let each = rows.iter().zip(&centres).zip(&norms);
+                let most = each.map(|((row, centres), norm)| centres[block].abs() + row.spreads[block] * norm);
+                if most.product::<f64>() * HAIR <= peak.max(floor) {
                     continue;
                 }
                 let from = block * BLOCK;

@@ -208,6 +208,9 @@ pub(super) fn delay(tau: f64, period_s: f64) -> (usize, f64) {
     (whole as usize, (whole - back).max(0.0))
 }
 
+/// A record, and how far its motion went beyond the limits.
+type Moved = (Vec<f64>, Excursions);
+
 /// The cost of every draw for one subject and one target, on all threads of the pool. Where the excursions alone, which
 /// need no fit, cost `enough` on average, their costs are returned without errors: a lower bound.
 ///
@@ -224,7 +227,7 @@ pub fn costs(
 ) -> Result<Vec<DrawCost>, Stopped> {
     // As many at once as keep every thread busy; whatever their number, each draw's cost is the same.
     let together = draws.len().div_ceil(rayon::current_num_threads()).clamp(LEAST_TOGETHER, MOST_TOGETHER);
-    let moved: Vec<Vec<Option<(Vec<f64>, Excursions)>>> = draws
+    let moved: Vec<Vec<Option<Moved>>> = draws
         .par_chunks(together)
         .map(|draws| {
             ctl.check()?;

@@ -109,8 +109,11 @@ fn autocorrelation(report: &Report) -> Result<Found, Unreadable> {
     Ok(("autocorrelation", Axis::linear("lag", "s"), vec![panel], description, String::new()))
 }
 
+/// A band by its upper end, with the flatness of the signal and of the output, and the flatness gain.
+type Band = (f64, Option<f64>, Option<f64>, Option<f64>);
+
 fn flatness(report: &Report) -> Result<Found, Unreadable> {
-    let mut bands: Vec<(f64, Option<f64>, Option<f64>, Option<f64>)> = members(&report.result, "/flatness")
+    let mut bands: Vec<Band> = members(&report.result, "/flatness")
         .iter()
         .filter_map(|own| {
             let upper = number(own, "/band_hz/1").or_else(|| number(own, "/band_hz"))?;

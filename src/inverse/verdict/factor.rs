@@ -58,7 +58,7 @@ fn ask(core: &Core, place: f64, ctl: &Ctl) -> Result<Asked, DecisionError> {
 fn crossing(one: Asked, two: Asked) -> Option<f64> {
     let (first, second) = (one.margin?, two.margin?);
     let share = first / (first - second);
-    share.is_finite().then(|| one.place + share * (two.place - one.place))
+    share.is_finite().then_some(one.place + share * (two.place - one.place))
 }
 
 /// c* to a thousandth, where the gain itself has this verdict; `None` where no factor that is tried is certified, or
