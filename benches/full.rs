@@ -16,7 +16,9 @@ use volition::api::{AppState, router};
 use volition::control::Model;
 use volition::jobs::Status;
 use volition::num::hexadecimal::hexadecimal;
-use volition::store::{AnalysisFilter, NewAnalysis, NewPlant, NewStudy, NewSubject, NewTrial, Page, Store};
+use volition::store::{
+    AnalysisFilter, NewAnalysis, NewPlant, NewStudy, NewSubject, NewTrial, Page, SignalUnits, Store,
+};
 use volition::trial::{Signals, Trial};
 
 /// Trials of a subject.
@@ -58,7 +60,7 @@ async fn fill(store: &Store, path: &Path, analyses: usize) {
     let study = NewStudy { name: "full".into(), description: String::new(), display_limit: None };
     let study = store.create_study(study, None).await.unwrap().into_inner().id;
     let model: Model = serde_json::from_value(json!({"num": [1.0], "den": [1.0, 0.1, 0.0]})).unwrap();
-    let new = NewPlant { name: "mass".into(), model: model.clone() };
+    let new = NewPlant { name: "mass".into(), model: model.clone(), units: SignalUnits::default() };
     let plant = store.create_plant(study, new, None).await.unwrap().into_inner().id;
     let subject = NewSubject { code: "S".into(), group: Some("g".into()), attributes: json!({}) };
     let subject = store.create_subject(study, subject, None).await.unwrap().into_inner().id;
@@ -67,8 +69,8 @@ async fn fill(store: &Store, path: &Path, analyses: usize) {
     let trial = Trial::new(0.02, Signals { time_s: None, command, control, output, disturbance: None }).unwrap();
     let sha256 = hexadecimal(&trial.content_sha256());
     let metrics = serde_json::to_value(volition::learning::time_domain::metrics(&trial, &model)).unwrap();
-    let new =
-        NewTrial { plant, number: 1, session: None, trial, sha256, max_abs_output: 0.9, metrics, warnings: Vec::new() };
+    let warnings = Vec::new();
+    let new = NewTrial { plant, number: 1, session: None, trial, sha256, max_abs_output: 0.9, metrics, warnings };
     let trial = store.create_trials(subject, vec![new], None).await.unwrap().remove(0).into_inner().id;
     let request = |spec: Value| Request { kind: "ssid".into(), inputs: json!({"trial": trial}), spec };
     for _ in 0..2 {

@@ -19,7 +19,7 @@ use volition::learning::time_domain::metrics;
 use volition::num::hexadecimal::hexadecimal;
 use volition::num::{Complex64, rng};
 use volition::plants::catalogue;
-use volition::store::{NewPlant, NewStudy, NewSubject, NewTrial, Store};
+use volition::store::{NewPlant, NewStudy, NewSubject, NewTrial, SignalUnits, Store};
 use volition::trial::{Signals, Trial};
 use volition::worker::{Analyses, Folder, PoolMemo, Worker, WorkerSettings};
 
@@ -160,7 +160,7 @@ async fn fill(store: &Store, per_subject: u32) -> String {
     let study = store.create_study(new, None).await.unwrap().into_inner().id;
     let plant = System::Continuous(catalogue::two_mass());
     let model = plant.to_model();
-    let new = NewPlant { name: "two masses".to_owned(), model: model.clone() };
+    let new = NewPlant { name: "two masses".to_owned(), model: model.clone(), units: SignalUnits::default() };
     let stored = store.create_plant(study, new, None).await.unwrap().into_inner().id;
     let mut draws = rng::stream(7, "study");
     let mut draw = || draws.random::<f64>();

@@ -1,5 +1,5 @@
 //! The service: the life of a job, the store, the worker, the interface, and the command in real processes.
-#![allow(clippy::unwrap_used, missing_docs, unreachable_pub)]
+#![allow(clippy::print_stdout, clippy::unwrap_used, missing_docs, unreachable_pub)]
 
 #[path = "../support/contract.rs"]
 mod contract;

@@ -12,6 +12,7 @@ use volition::learning::{
     SubjectInput, TrialInput, TrialSelection, choose_spec, study_frequency_responses, study_learning_curves,
     subject_learning_curve,
 };
+use volition::trust::Evidence;
 
 fn continuous(num: &[f64], den: &[f64]) -> System {
     System::Continuous(TransferFunction::new(num, den, Continuous).unwrap())

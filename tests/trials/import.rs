@@ -10,6 +10,7 @@ use volition::app::import::load::{
     Outcome, PlantOptions, TRIAL_COLUMNS, common_display_limit, find_or_create_study, load,
 };
 use volition::app::import::{ImportArgs, import as import_command};
+use volition::app::recordings::ReadingArgs;
 use volition::exchange::{Options, TimeUnit, options::columns};
 use volition::store::{Page, Store, Study, Subject, TrialRecord};
 
@@ -190,6 +191,7 @@ async fn the_command_says_by_its_exit_code_whether_anything_was_refused() {
         plants,
         display_limit: None,
         conditions: Vec::new(),
+        reading: ReadingArgs::default(),
     };
     let code = |outcome: anyhow::Result<ExitCode>| format!("{:?}", outcome.unwrap());
     let (refused, success) = (format!("{:?}", ExitCode::from(2)), format!("{:?}", ExitCode::SUCCESS));

@@ -1,5 +1,5 @@
 //! Recordings as a lab has them: readers and writers, metrics, learning curves, import, the demonstration.
-#![allow(clippy::unwrap_used, missing_docs, unreachable_pub)]
+#![allow(clippy::print_stdout, clippy::unwrap_used, missing_docs, unreachable_pub)]
 
 #[path = "../support/property.rs"]
 mod property;

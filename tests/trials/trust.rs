@@ -38,6 +38,8 @@ async fn demonstration(seed: u64) -> Vec<Judged> {
         seed,
         subjects,
         html: None,
+        serve: false,
+        listen: "127.0.0.1:0".parse().unwrap(),
         compute_threads: None,
         cache: CacheArgs::default(),
     };

@@ -446,7 +446,7 @@ mod tests {
             let gains = [theta[0], theta[1], theta[2]];
             let own = Continuous::new(gains, body, setting.times(), setting.time).unwrap();
             let simd = pulp::Scalar::new();
-            let (rows, slope): (Rows<pulp::Scalar, WITH_NOISE>, _) = sampled(simd, &[own.clone()], true);
+            let (rows, slope): (Rows<pulp::Scalar, WITH_NOISE>, _) = sampled(simd, std::slice::from_ref(&own), true);
             let near = |found: f64, expected: f64, size: f64| assert!((found - expected).abs() < 1e-11 * size);
             let model = &general.value.model;
             for i in 0..STATES {

@@ -124,9 +124,8 @@ async fn trust_is_the_same_in_analysis_trial_study_and_curve() {
         });
         assert_eq!(said, bad > 0, "{estimator} {quantity}: {}", curves["remarks"]);
         // The picture has the same cells.
-        let figure =
-            server.get(&format!("{study}/figures/trust?estimator={estimator}&quantity={quantity}&format=json"));
-        let figure = figure.await.json(200);
+        let figure = format!("{study}/figures/trust?estimator={estimator}&quantity={quantity}&format=json");
+        let figure = server.get(&figure).await.json(200);
         let drawn: Vec<String> = figure["panels"][0]["series"]
             .as_array()
             .unwrap()

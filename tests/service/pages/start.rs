@@ -59,9 +59,9 @@ async fn a_form_from_the_schema_becomes_an_analysis() {
     assert!(done.text.contains("data-figure=\"bode\""), "{}", done.words());
     // One for every trial of the study.
     upload(&server, &lab, 1, 20).await;
-    let started =
-        send(&server, &format!("/analyses/new?kind=frequency_response&study={}", lab.study), &[("do", "start")]);
-    assert_eq!(started.await.header("location"), "/queue");
+    let form = format!("/analyses/new?kind=frequency_response&study={}", lab.study);
+    let started = send(&server, &form, &[("do", "start")]).await;
+    assert_eq!(started.header("location"), "/queue");
     server.work().await;
     assert_eq!(server.census().await[4], 3);
     server.finish().await;
