@@ -140,7 +140,6 @@ pub async fn run(args: &DemoArgs, store: &Store, out: &mut impl Write) -> anyhow
     }
     for (trial, _) in &both.trials {
         requests.push(prediction_error(both.study, *trial)?);
-        requests.push(two_stimulus(both.study, *trial)?);
     }
     store.create_analyses(requests, None).await?;
     let began = Instant::now();
@@ -151,7 +150,6 @@ pub async fn run(args: &DemoArgs, store: &Store, out: &mut impl Write) -> anyhow
     for (study, estimator, title, stimuli) in [
         (alone.study, Estimator::Ssid, "pool, best candidate", "command alone"),
         (alone.study, Estimator::PredictionError, "prediction error", "command alone"),
-        (both.study, Estimator::TwoStimulus, "two-stimulus estimate", "two stimuli"),
         (both.study, Estimator::PredictionError, "prediction error", "two stimuli"),
     ] {
         let curves = learning_curves(store, study, estimator).await?;
@@ -227,12 +225,6 @@ fn identification(study: StudyId, trial: TrialId, plant: Plant) -> anyhow::Resul
 /// A trial by itself: nothing is assumed to be the same in others.
 fn prediction_error(study: StudyId, trial: TrialId) -> anyhow::Result<NewAnalysis> {
     request(study, "prediction_error", json!({"trial": trial}), json!({"band_hz": BAND_HZ}))
-}
-
-/// Line by line over the excited lines, without a structure: both stimuli tell the controllers apart by themselves.
-fn two_stimulus(study: StudyId, trial: TrialId) -> anyhow::Result<NewAnalysis> {
-    let spec = json!({"structures": [], "frequency": {"band_hz": BAND_HZ}});
-    request(study, "two_stimulus", json!({"trials": [trial]}), spec)
 }
 
 fn request(study: StudyId, kind: &str, inputs: Value, spec: Value) -> anyhow::Result<NewAnalysis> {
