@@ -42,9 +42,13 @@ fn empty() -> Markup {
                     code.block { "volition import FOLDER --database lab.db" }
                 }
                 li {
-                    p { b { "Make a study over the interface." } " It answers with the study's id, for plants, subjects and trials:" }
+                    p {
+                        b { "Make a study over the interface." }
+                        " It answers with the study's id, for plants, subjects and trials:"
+                    }
                     code.block {
-                        "curl -H 'content-type: application/json' -d '{\"name\": \"My study\"}' http://127.0.0.1:8080/v1/studies"
+                        "curl -H 'content-type: application/json' -d '{\"name\": \"My study\"}' "
+                        "http://127.0.0.1:8080/v1/studies"
                     }
                     p { a href="/docs" { "Every route" } " with its form." }
                 }
@@ -85,7 +89,9 @@ fn filled(studies: &[StudyOverview], failed: &[AnalysisRecord], running: &[Analy
                         }
                     }
                     tbody {
-                        @for StudyOverview { study, subjects, trials, analysed, queued, running, failed, changed_at } in studies {
+                        @for overview in studies {
+                            @let StudyOverview { study, subjects, trials, analysed, .. } = overview;
+                            @let StudyOverview { queued, running, failed, changed_at, .. } = overview;
                             tr {
                                 th scope="row" { a href={ "/studies/" (study.id) } { (study.name) } }
                                 td.number { (subjects) }

@@ -117,7 +117,9 @@ pub(super) fn bar(analysis: &AnalysisRecord) -> Markup {
             progress max="100" value=(format!("{share:.0}")) aria-label="Progress" {}
             " " span.share { (format!("{share:.0} %")) }
             @if let Some(left) = analysis.eta_s { span.left { " · " (duration(left)) " left" } }
-            @if let Some(bracket) = analysis.bracket { span.gap { " · gap " (format!("{:.1} %", 100.0 * bracket.gap())) } }
+            @if let Some(bracket) = analysis.bracket {
+                span.gap { " · gap " (format!("{:.1} %", 100.0 * bracket.gap())) }
+            }
         }
     }
 }

@@ -66,7 +66,7 @@ const ARROWS: &[(&str, &[&str])] = &[
         ],
     ),
     // What a browser shows of the same: beside the interface, and never asked by it. Its own files, its own words.
-    ("pages", &["analysis", "api", "figure", "jobs", "learning", "num", "store"]),
+    ("pages", &["analysis", "api", "figure", "jobs", "learning", "num", "store", "trust"]),
     ("app", &["*"]),
     ("cli", &["*"]),
     ("config", &["*"]),
