@@ -32,8 +32,8 @@ pub(super) async fn guard(State(state): State<AppState>, request: Request, next:
     let span = tracing::info_span!("request", request_id = %id, %method, path);
 
     let mut response = async {
-        if let Err(problem) = check_host(request.uri(), request.headers()) {
-            return ApiError::from(problem).with_status(StatusCode::MISDIRECTED_REQUEST).into_response();
+        if let Err(refused) = check_host(request.uri(), request.headers()) {
+            return refused.into_response();
         }
         let request = drained_when_dropped(request, &state);
         let run = AssertUnwindSafe(next.run(request)).catch_unwind();
@@ -92,20 +92,19 @@ fn write_problem(response: Response, id: Uuid, method: &str, path: &str) -> Resp
 
 /// Refuses names that are not of the loopback interface, the only one that is served: a web page that makes its own
 /// name point to 127.0.0.1 (DNS rebinding), or posts a form across origins, is refused.
-fn check_host(uri: &Uri, headers: &HeaderMap) -> Result<(), Problem> {
+fn check_host(uri: &Uri, headers: &HeaderMap) -> Result<(), ApiError> {
     let refuse = |what: &str, value: &str| {
-        Problem::new(
+        let problem = Problem::new(
             Code::Malformed,
             "foreign host",
             format!("this server serves its own machine only, and the {what} names '{value}'"),
-        )
-        .at(format!("header {what}"))
-        .mend("Use http://localhost or http://127.0.0.1 with the server's port.")
+        );
+        let mend = "Use http://localhost or http://127.0.0.1 with the server's port.";
+        ApiError::from(problem.at(format!("header {what}")).mend(mend)).with_status(StatusCode::MISDIRECTED_REQUEST)
     };
     if headers.get_all(header::HOST).iter().nth(1).is_some() {
-        return Err(Problem::new(Code::Malformed, "two hosts", "the request has more than one header Host")
-            .at("header Host")
-            .mend("Send one."));
+        let problem = Problem::new(Code::Malformed, "two hosts", "the request has more than one header Host");
+        return Err(problem.at("header Host").mend("Send one.").into());
     }
     let host = match uri.host() {
         Some(host) => Some(host.to_owned()),

@@ -224,8 +224,9 @@ impl Face<'_> {
         weights.retain(|(weight, direction)| *weight > 0.0 && direction.norm() > 1e-9 * weight);
         // The widest first, as far as that can be told: others are then given up early.
         weights.sort_by(|(x, to), (y, other)| (other.norm() / y).total_cmp(&(to.norm() / x)));
-        if d == 1 {
-            let length = segment(&blocks).unwrap_or(0.0);
+        if d == 1
+            && let Some(length) = segment(&blocks)
+        {
             return Ok(weights.iter().map(|(weight, to)| to[0].abs() / weight * length).fold(0.0, f64::max));
         }
         let mut width: f64 = 0.0;
@@ -250,14 +251,41 @@ impl Face<'_> {
 }
 
 /// How long the segment of w is on which `F_0 + wF_1 ⪰ 0` in every block, 0 being inside: from the eigenvalues of
-/// `L⁻¹F_1L⁻ᵀ` with `F_0 = LLᵀ`.
+/// `L⁻¹F_1L⁻ᵀ` with `F_0 = LLᵀ`. None where it has no end, or 0 is not inside but for rounding.
 fn segment(blocks: &[Block]) -> Option<f64> {
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
     for block in blocks {
         let factor = block.value(&DVector::zeros(1)).cholesky()?.l();
         let half = factor.solve_lower_triangular(&block.term(0))?;
         let values = factor.solve_lower_triangular(&half.transpose())?.symmetric_eigenvalues();
-        (low, high) = (low.max(-1.0 / values.max().max(0.0)), high.min(-1.0 / values.min().min(0.0)));
+        // A block that the direction does not make smaller bounds nothing on that side.
+        let (least, most) = (values.min(), values.max());
+        if most > 0.0 {
+            low = low.max(-1.0 / most);
+        }
+        if least < 0.0 {
+            high = high.min(-1.0 / least);
+        }
     }
     Some(high - low).filter(|length| length.is_finite())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One block bounds each side, and one does not move at all.
+    #[test]
+    fn a_segment_ends_where_the_first_block_is_singular() {
+        let block = |constant: f64, term: f64| {
+            Block::new(DMatrix::from_element(1, 1, constant), [&DMatrix::from_element(1, 1, term)].into_iter())
+        };
+        let (up, down, still) = (block(2.0, 1.0), block(3.0, -2.0), block(1.0, 0.0));
+        let length = |blocks: &[&Block]| segment(&blocks.iter().map(|b| (*b).clone()).collect::<Vec<_>>());
+        assert!((length(&[&up, &still, &down]).unwrap() - 3.5).abs() < 1e-15);
+        assert!((length(&[&down, &up]).unwrap() - 3.5).abs() < 1e-15);
+        assert_eq!(length(&[&up, &still]), None, "no end above");
+        assert_eq!(length(&[&still]), None);
+        assert_eq!(length(&[&up, &down, &block(0.0, 1.0)]), None, "on the edge");
+    }
 }

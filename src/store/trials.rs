@@ -22,8 +22,10 @@ impl Noun for TrialRecord {
     const NAME: &'static str = "trial";
     const TABLE: &'static str = "trials";
     const SELECT: &'static str =
-        // The order of the join is said: with many studies the database may take it for better the other way round.
-        "SELECT n.*, s.display_limit FROM trials n CROSS JOIN studies s ON s.id = n.study_id";
+        // The order of the join and its index are said: with many studies the database may take it for better the other
+        // way round, and with one it goes through all of them for each trial, also once there are more.
+        "SELECT n.*, s.display_limit
+         FROM trials n CROSS JOIN studies s INDEXED BY sqlite_autoindex_studies_1 ON s.id = n.study_id";
 
     fn from_row(row: &SqliteRow) -> StoreResult<Self> {
         let max_abs_output: f64 = get(row, "max_abs_output")?;

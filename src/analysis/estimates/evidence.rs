@@ -22,7 +22,7 @@ const FORM: [&str; 4] = ["answer_moves", "feedback_cut_short", "feedforward_cut_
 /// What a report says of the trust in it, by one of its estimators, about the trial at a place among its trials.
 #[must_use]
 pub fn evidence(report: &Report, estimator: Estimator, position: usize) -> Evidence {
-    let has = |code: &str| report.warnings.iter().any(|warning| warning.code == code);
+    let has = |wanted: &str| report.warnings.iter().any(|warning| warning.code == wanted);
     let result = &report.result;
     let agreement = if has("output_not_from_control") || has("channels_exchanged") {
         Agreement::Foreign
