@@ -192,6 +192,8 @@ async fn must_be_of_study(connection: &mut SqliteConnection, plant: PlantId, stu
 
 impl Change for TrialRecord {
     type Patch = TrialPatch;
+    // The old note or reason may name a person.
+    const FORGETS: bool = true;
 
     async fn update(
         connection: &mut SqliteConnection,
