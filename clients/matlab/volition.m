@@ -156,7 +156,7 @@ function found = report(url, analysis)
     found = get_json(url, ['/v1/analyses/' id '/report']);
     trust = get_json(url, ['/v1/analyses/' id '/trust']);
     found.warnings = each(found.warnings);
-    found.quantities = each(trust.quantities);
+    found.quantities = each(trust.trust);
 end
 
 function rows = curves(url, study, query)
@@ -306,9 +306,9 @@ function text = request_text(url, method, path, file, media, header)
             call, media, key, file);
     end
     if ~isempty(header), call = sprintf('%s --header "%s"', call, header); end
-    [failed, text] = system(sprintf('%s --write-out "\\n%%{http_code}" "%s%s"', call, url, path));
+    [failed, text] = system(sprintf('%s --write-out "\\n%%{http_code}" "%s%s" 2>&1', call, url, path));
     if failed
-        error('volition:unreachable', 'the server at %s does not answer: %s', url, strtrim(text));
+        error('volition:unreachable', 'the server at %s does not answer: %s', url, regexprep(strtrim(text), '^000', ''));
     end
     ends = find(text == char(10), 1, 'last');
     status = str2double(text(ends + 1:end));

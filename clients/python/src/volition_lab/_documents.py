@@ -156,7 +156,7 @@ def report(own: Document, trust: Document) -> Report:
         own["schema"],
         own["result"],
         warnings(own["warnings"]),
-        [quantity(one) for one in trust["quantities"]],
+        [quantity(one) for one in trust["trust"]],
         provenance["spec_sha256"],
         provenance["seed"],
         own,
