@@ -3,14 +3,19 @@
 use crate::app;
 use crate::config::{BackupArgs, CacheArgs, DatabaseArgs, ServeArgs, VerifyArgs, WorkerArgs};
 use crate::telemetry::{self, LogFormat};
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
+use clap_complete::Shell;
 use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+/// What every command's exit code says.
+const EXIT_CODES: &str = "Exit codes: 0 it is done; 1 it was tried and failed, or something is damaged; 2 what was asked \
+                          for makes no sense; 130 it was interrupted.";
+
 /// Which control law, and which intent, produced this human motion?
 #[derive(Debug, Parser)]
-#[command(name = "volition", version, about, max_term_width = 110)]
+#[command(name = "volition", version, about, max_term_width = 110, after_help = EXIT_CODES)]
 struct Cli {
     /// How log lines are written to standard error.
     #[arg(long, global = true, value_enum, default_value = "text", env = "VOLITION_LOG_FORMAT")]
@@ -83,21 +88,21 @@ enum Command {
     Check(app::check::CheckArgs),
     /// Import a folder of recordings with an index.
     Import(app::import::ImportArgs),
-    /// Execute one analysis from a file, without a server: report on standard output, problems on standard error.
+    /// Execute one analysis from a file, without a server: a summary at a terminal, the report as JSON in a pipe,
+    /// problems on standard error.
     ///
-    /// Exits with 0 for a report, 1 for an analysis that failed, 2 for bad input.
-    Run {
-        /// A JSON document {"kind", "inputs", "spec"}; `-` reads standard input. A trial in it may be the path of a
-        /// recording, relative to the document.
-        spec: PathBuf,
-        /// Compute threads; 0 for one on each processor.
-        #[arg(long, value_name = "N", default_value_t = 0)]
-        compute_threads: usize,
-        /// Write the samples that the report carries as CSV, in place of the report.
-        #[arg(long)]
-        csv: bool,
-        #[command(flatten)]
-        cache: CacheArgs,
+    /// Exits with 0 for a report, 1 for an analysis that failed, 2 for bad input, 130 where it was interrupted.
+    Run(app::run::RunArgs),
+    /// Write completions for a shell to standard output.
+    Completions {
+        /// The shell.
+        #[arg(value_enum)]
+        shell: Shell,
+    },
+    /// Write pages for `man` into a folder.
+    Man {
+        /// The folder; made if it does not exist.
+        folder: PathBuf,
     },
 }
 
@@ -107,14 +112,28 @@ pub fn run() -> ExitCode {
     let cli = Cli::parse();
     let level = if matches!(cli.command, Command::Serve { .. } | Command::Worker { .. }) { "info" } else { "warn" };
     telemetry::start(cli.log_format, level);
+    for name in unknown_settings(std::env::vars_os().filter_map(|(name, _)| name.into_string().ok())) {
+        tracing::warn!("{name} is no setting of volition and changes nothing; `volition help COMMAND` names those");
+    }
     match execute(cli.command) {
         Ok(code) => code,
         Err(error) => {
             // Standard error may be gone; there is nobody left to tell.
             let _ = writeln!(std::io::stderr(), "volition: {error:#}");
-            ExitCode::FAILURE
+            app::exit::code_of(&error)
         }
     }
+}
+
+/// Variables that look like settings and are none: a misspelt one would change nothing, in silence.
+fn unknown_settings(names: impl Iterator<Item = String>) -> Vec<String> {
+    fn collect(command: &clap::Command, known: &mut Vec<String>) {
+        known.extend(command.get_arguments().filter_map(|argument| argument.get_env()?.to_str().map(str::to_owned)));
+        command.get_subcommands().for_each(|own| collect(own, known));
+    }
+    let mut known = vec!["VOLITION_LOG".to_owned()];
+    collect(&Cli::command(), &mut known);
+    names.filter(|name| name.starts_with("VOLITION_") && !known.contains(name)).collect()
 }
 
 fn execute(command: Command) -> anyhow::Result<ExitCode> {
@@ -138,6 +157,15 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         Command::Figures(args) => app::block_on(app::figures::figures(&args)),
         Command::Check(args) => app::check::check(&args),
         Command::Import(args) => app::block_on(app::import::import(&args)),
-        Command::Run { spec, compute_threads, csv, cache } => app::run::run(&spec, compute_threads, csv, &cache),
+        Command::Run(args) => app::run::run(&args),
+        Command::Completions { shell } => {
+            app::manual::completions(&mut Cli::command(), shell, &mut std::io::stdout().lock())?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Man { folder } => {
+            let pages = app::manual::pages(Cli::command(), &folder)?;
+            writeln!(std::io::stdout(), "{pages} pages in {}", folder.display())?;
+            Ok(ExitCode::SUCCESS)
+        }
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::api::Limits;
 use crate::worker::{Folder, PoolMemo, WorkerSettings};
+use axum::http::{HeaderValue, Uri};
 use clap::Args;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -92,12 +93,48 @@ pub struct WorkerArgs {
     pub deadline_s: Option<f64>,
 }
 
+/// Where to listen.
+#[derive(Debug, Clone, Args)]
+pub struct ListenArgs {
+    /// Address and port to listen on, such as 127.0.0.1:9000 or localhost:9000; loopback only.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080", value_parser = address, env = "VOLITION_LISTEN")]
+    pub listen: SocketAddr,
+    /// Port to listen on, in place of the one in --listen; 0 for any that is free.
+    #[arg(long, value_name = "PORT", env = "VOLITION_PORT")]
+    pub port: Option<u16>,
+}
+
+impl ListenArgs {
+    /// The address, if it may be served.
+    ///
+    /// # Errors
+    /// [`ConfigError::NotLoopback`] for any address but the machine's own.
+    pub fn checked(&self) -> Result<SocketAddr, ConfigError> {
+        let mut address = self.listen;
+        address.set_port(self.port.unwrap_or(address.port()));
+        if address.ip().is_loopback() { Ok(address) } else { Err(ConfigError::NotLoopback(address)) }
+    }
+}
+
+/// An address with a port; the only name that is known is `localhost`.
+fn address(text: &str) -> Result<SocketAddr, String> {
+    let written = match text.rsplit_once(':') {
+        Some((host, port)) if host.eq_ignore_ascii_case("localhost") => format!("127.0.0.1:{port}"),
+        _ => text.to_owned(),
+    };
+    written.parse().map_err(|_| "give an address with a port, such as 127.0.0.1:9000 or localhost:9000".to_owned())
+}
+
 /// How the server serves.
 #[derive(Debug, Clone, Args)]
 pub struct ServeArgs {
-    /// Address and port to listen on; loopback only.
-    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080", env = "VOLITION_LISTEN")]
-    pub listen: SocketAddr,
+    /// Where to listen.
+    #[command(flatten)]
+    pub listen: ListenArgs,
+    /// Origin whose pages may ask and read, such as http://localhost:3000; may be given several times, or several
+    /// separated by commas. None may by default.
+    #[arg(long, value_name = "ORIGIN", value_delimiter = ',', env = "VOLITION_ALLOW_ORIGIN")]
+    pub allow_origin: Vec<String>,
     /// Largest request body, in MiB.
     #[arg(long, value_name = "MIB", default_value_t = 64, env = "VOLITION_MAX_BODY_MIB")]
     pub max_body_mib: usize,
@@ -125,6 +162,11 @@ pub enum ConfigError {
          proxy that authenticates them"
     )]
     NotLoopback(SocketAddr),
+    /// A browser would never send it as an origin.
+    #[error(
+        "--allow-origin takes http://HOST or https://HOST, with a port where it has one and nothing behind it, not '{0}'"
+    )]
+    NoOrigin(String),
     /// A limit of zero would refuse everything.
     #[error("{0} must be at least 1")]
     Zero(&'static str),
@@ -178,21 +220,13 @@ fn of_the_user() -> Option<PathBuf> {
     Some(folders.cache_dir().join("volition"))
 }
 
-/// The address, if it may be served.
-///
-/// # Errors
-/// [`ConfigError::NotLoopback`] for any other address.
-pub fn loopback(address: SocketAddr) -> Result<SocketAddr, ConfigError> {
-    if address.ip().is_loopback() { Ok(address) } else { Err(ConfigError::NotLoopback(address)) }
-}
-
 impl ServeArgs {
-    /// The address, if it may be served.
+    /// The origins whose pages may ask and read, as browsers write them.
     ///
     /// # Errors
-    /// [`ConfigError::NotLoopback`] for any other address.
-    pub fn checked_listen(&self) -> Result<SocketAddr, ConfigError> {
-        loopback(self.listen)
+    /// [`ConfigError::NoOrigin`] for what no browser would send.
+    pub fn origins(&self) -> Result<Vec<HeaderValue>, ConfigError> {
+        self.allow_origin.iter().filter(|text| !text.is_empty()).map(|text| origin(text)).collect()
     }
 
     /// The limits on uploads.
@@ -221,6 +255,18 @@ impl ServeArgs {
             ..Limits::default()
         })
     }
+}
+
+/// `scheme://host` or `scheme://host:port`, in lower case as browsers send it.
+fn origin(text: &str) -> Result<HeaderValue, ConfigError> {
+    let bad = || ConfigError::NoOrigin(text.to_owned());
+    let uri: Uri = text.parse().map_err(|_| bad())?;
+    let (scheme, authority) = (uri.scheme_str().ok_or_else(bad)?, uri.authority().ok_or_else(bad)?);
+    let written = format!("{scheme}://{authority}").to_ascii_lowercase();
+    if !matches!(scheme, "http" | "https") || authority.as_str().contains('@') || text.to_ascii_lowercase() != written {
+        return Err(bad());
+    }
+    HeaderValue::from_str(&written).map_err(|_| bad())
 }
 
 impl WorkerArgs {

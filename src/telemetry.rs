@@ -3,6 +3,7 @@
 //! Field names are fixed: `analysis`, `study`, `trial` (ids), `attempt`, `worker`, `elapsed_s`, `status`, `method`,
 //! `path`, `request_id`, `file`, `folder`, `bytes`. Signals, subject codes and attributes are never logged.
 
+use std::io::IsTerminal as _;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
@@ -24,8 +25,13 @@ pub fn start(format: LogFormat, default_level: &str) {
     let unreadable = matches!(&read, Some(Err(_)));
     let filter = read.and_then(Result::ok).unwrap_or_else(|| default_level.parse().unwrap_or_default());
     let registry = tracing_subscriber::registry().with(filter);
+    // Colours are for people: a log file has none, nor a terminal whose owner wants none (https://no-color.org).
+    let colours = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|no| no.is_empty());
     let started = match format {
-        LogFormat::Text => registry.with(tracing_subscriber::fmt::layer().with_writer(std::io::stderr)).try_init(),
+        LogFormat::Text => {
+            let text = tracing_subscriber::fmt::layer().with_ansi(colours).with_writer(std::io::stderr);
+            registry.with(text).try_init()
+        }
         LogFormat::Json => {
             registry.with(tracing_subscriber::fmt::layer().json().with_writer(std::io::stderr)).try_init()
         }

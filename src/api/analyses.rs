@@ -6,15 +6,16 @@ use super::etag::{self, IfNoneMatch};
 use super::extract::{FromQuery, Json, Params, QueryText, off_thread};
 use super::idempotency::{Idempotency, IdempotencyHeader, mark};
 use super::named::{Named, View};
+use super::prefer::{Prefer, PreferHeader};
 use super::problem::{ApiResult, unless_missing};
 use super::state::AppState;
 use super::timestamp::Timestamp;
-use crate::analysis::ids::{AnalysisId, StudyId, TrialId};
+use crate::analysis::ids::{AnalysisId, StudyId, SubjectId, TrialId};
 use crate::analysis::report::sha256_json;
 use crate::analysis::{Code, Incumbent, Kind, Plan, Problem, Report, Request, registry};
 use crate::ctl::{Bracket, Phase};
 use crate::jobs::Status;
-use crate::store::{AnalysisFilter, AnalysisRecord, NewAnalysis, StoreError};
+use crate::store::{AnalysisFilter, AnalysisRecord, NewAnalysis, StoreError, SubjectName, TrialName};
 use crate::trial::pointer;
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -46,6 +47,12 @@ pub(crate) struct AnalysisView {
     problem: Option<Problem>,
     /// The study of its inputs; null where the request carries its data itself.
     study: Option<StudyId>,
+    /// The subject whose trials it uses; null where they are of several subjects, or none is stored.
+    subject: Option<AnalysisSubject>,
+    /// The stored trial that it uses; null where it uses several, or none.
+    trial: Option<AnalysisTrial>,
+    /// How many stored trials it uses.
+    trials: u64,
     /// The request with every default filled in. Lists leave it out.
     #[serde(skip_serializing_if = "Option::is_none")]
     request: Option<Request>,
@@ -71,6 +78,26 @@ pub(crate) struct AnalysisView {
     updated_at: OffsetDateTime,
     /// Where to go on from here.
     links: AnalysisLinks,
+}
+
+/// Whose trials an analysis uses.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
+pub(crate) struct AnalysisSubject {
+    /// The subject.
+    id: SubjectId,
+    /// Its pseudonym.
+    code: String,
+}
+
+/// The trial that an analysis uses.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
+pub(crate) struct AnalysisTrial {
+    /// The trial.
+    id: TrialId,
+    /// Its number.
+    number: i64,
+    /// Its session, where it has one.
+    session: Option<i64>,
 }
 
 /// How far an analysis is, as of the last word from its worker.
@@ -167,6 +194,9 @@ impl AnalysisView {
             cancel_requested: record.cancel_requested,
             problem: record.problem,
             study: record.study,
+            subject: record.uses.subject.map(|SubjectName { id, code }| AnalysisSubject { id, code }),
+            trial: record.uses.trial.map(|TrialName { id, number, session }| AnalysisTrial { id, number, session }),
+            trials: record.uses.trials,
             request: None,
             spec_sha256: record.spec_sha256,
             version: record.version,
@@ -211,6 +241,10 @@ pub(crate) struct AnalysisQuery {
     /// Only those in this status.
     #[param(nullable = false, inline)]
     status: Option<Status>,
+    /// In which order: `created` (the default), or `-created` for the newest first.
+    #[param(value_type = Option<String>, required = false, nullable = false, default = "created",
+        pattern = "^-?created$")]
+    sort: bool,
 }
 
 impl FromQuery for AnalysisQuery {
@@ -222,7 +256,17 @@ impl FromQuery for AnalysisQuery {
             trial: query.id("trial")?,
             kind: query.one_of("kind", &kinds, |text| text.parse().ok())?,
             status: query.one_of("status", &statuses, Status::from_name)?,
+            sort: query.one_of("sort", "created, -created", newest_first)?.unwrap_or_default(),
         })
+    }
+}
+
+/// Whether an order has the newest first.
+fn newest_first(order: &str) -> Option<bool> {
+    match order {
+        "created" => Some(false),
+        "-created" => Some(true),
+        _ => None,
     }
 }
 
@@ -307,18 +351,21 @@ async fn study_of(state: &AppState, new: &NewAnalysis, inputs: &Value) -> ApiRes
 /// `inputs` names stored trials and plants by id, or carries the data itself; `spec` says how it is computed. Both
 /// depend on the kind.
 #[utoipa::path(post, path = "/v1/analyses", tag = "analyses", operation_id = "create_analysis",
-    params(IdempotencyHeader),
+    params(IdempotencyHeader, PreferHeader),
     request_body(content = Request, example = json!({
         "kind": "ssid",
         "inputs": {"trial": "0199d2f4-7a3c-7bb0-8a41-2f6a7e1c9d10"},
         "spec": {"pool": "zhang2015_appendix_b"}
     })),
-    responses((status = 202, description = "Queued; Location names the analysis, which says how it goes on.",
-        body = AnalysisView)))]
+    responses(
+        (status = 200, description = "It was waited for (`Prefer: wait`), and is finished.", body = AnalysisView),
+        (status = 202, description = "Queued; Location names the analysis, which says how it goes on.",
+            body = AnalysisView)))]
 pub(crate) async fn create(
     State(state): State<AppState>,
     Params(()): Params<()>,
     idempotency: Idempotency,
+    prefer: Prefer,
     body: Json<Request>,
 ) -> ApiResult<Response> {
     let key = idempotency.key(&body.bytes);
@@ -331,27 +378,37 @@ pub(crate) async fn create(
         Err(StoreError::NotFound { noun, id }) => return Err(no_such(noun, &id, &inputs).into()),
         other => other?,
     };
-    let view = AnalysisView::from(made.clone().into_inner());
+    let record = prefer.awaited(&state, made.clone().into_inner().id).await?;
+    let status = if prefer.asks() && record.status.is_final() { StatusCode::OK } else { StatusCode::ACCEPTED };
+    let view = AnalysisView::from(record);
     let location = view.links.itself.clone();
-    Ok(mark(created(etag::tagged(StatusCode::ACCEPTED, &view)?, location), &made))
+    let response = prefer.applied(&state, etag::tagged(status, &view)?);
+    Ok(mark(created(response, location), &made))
 }
 
 /// Lists analyses.
 #[utoipa::path(get, path = "/v1/analyses", tag = "analyses", operation_id = "list_analyses",
     params(AnalysisQuery, PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of analyses, without their requests.", body = AnalysisList)))]
+    responses((status = 200, description = "A page of analyses, without their requests; as NDJSON all of them, one a \
+        line.", content((AnalysisList = "application/json"), (AnalysisView = "application/x-ndjson")))))]
 pub(crate) async fn list(list: Paged<AnalysisQuery>) -> ApiResult<Response> {
-    let AnalysisQuery { study, trial, kind, status } = list.filter.clone();
-    let rows = list.state.store.analyses(AnalysisFilter { study, trial, kind, status }, list.page()).await?;
-    list.answer(rows, |analysis| analysis.id.0, AnalysisView::brief)
+    let AnalysisQuery { study, trial, kind, status, sort } = list.filter.clone();
+    let (store, filter) = (list.state.store.clone(), AnalysisFilter { study, trial, kind, status });
+    let rows = move |page| {
+        let (store, filter) = (store.clone(), filter.clone());
+        async move { store.listed_analyses(&filter, sort, page).await }
+    };
+    list.answer(rows, |analysis| analysis.id.0, AnalysisView::brief).await
 }
 
 /// Reads an analysis: its status, attempts and progress.
 #[utoipa::path(get, path = "/v1/analyses/{analysis}", tag = "analyses", operation_id = "read_analysis",
-    params(AnalysisPath, IfNoneMatch),
+    params(AnalysisPath, PreferHeader, IfNoneMatch),
     responses((status = 200, description = "The analysis.", body = AnalysisView)))]
-pub(crate) async fn read(analysis: Named<AnalysisView>) -> ApiResult<Response> {
-    analysis.read().await
+pub(crate) async fn read(prefer: Prefer, analysis: Named<AnalysisView>) -> ApiResult<Response> {
+    let Named { state, id, headers } = analysis;
+    let record = prefer.awaited(&state, id).await?;
+    Ok(prefer.applied(&state, etag::conditional(&headers, &AnalysisView::from(record))?))
 }
 
 /// The report's text, or why there is none.

@@ -7,6 +7,8 @@ use serde_json::Value;
 pub(crate) const MAX_NAME: usize = 200;
 /// Characters of a description at most.
 pub(crate) const MAX_DESCRIPTION: usize = 20_000;
+/// Characters of a reason at most.
+pub(crate) const MAX_REASON: usize = 1000;
 /// Bytes of a subject's attributes, as compact JSON, at most.
 pub(crate) const MAX_ATTRIBUTES: usize = 64 << 10;
 /// What a name looks like, for the OpenAPI document: something visible, and no control character.
@@ -50,6 +52,21 @@ pub(crate) fn description(text: &str, pointer: &str) -> Result<String, Problem> 
         return Ok(text.to_owned());
     };
     Err(Problem::new(Code::Invalid, "bad description", why).at(pointer))
+}
+
+/// A sentence that says why.
+///
+/// # Errors
+/// `invalid` for an empty or overlong one and for one with control characters.
+pub(crate) fn reason(text: &str, pointer: &str) -> Result<String, Problem> {
+    let trimmed = text.trim();
+    let count = trimmed.chars().count();
+    if (1..=MAX_REASON).contains(&count) && !trimmed.chars().any(char::is_control) {
+        return Ok(trimmed.to_owned());
+    }
+    Err(Problem::new(Code::Invalid, "bad reason", format!("it has {count} characters, or control characters"))
+        .at(pointer)
+        .mend(format!("Say why in 1 to {MAX_REASON} characters, on one line.")))
 }
 
 /// A display limit.

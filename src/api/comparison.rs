@@ -172,6 +172,7 @@ impl ComparisonQuery {
             plant: self.plant,
             session: self.session,
             include_divergent: false,
+            include_excluded: false,
             estimator: self.estimator,
             joint: self.joint,
             spec: self.spec.clone(),

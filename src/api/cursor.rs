@@ -1,16 +1,18 @@
 //! Lists in pages by keyset: an opaque token names the last row of the page before.
 
-use super::etag::conditional;
+use super::etag::{conditional, to_json};
 use super::extract::{FromQuery, Params, QueryText};
+use super::negotiate::{NDJSON, preferred};
 use super::problem::{ApiError, ApiResult};
 use super::state::AppState;
 use crate::analysis::{Code, Problem};
 use crate::num::hexadecimal::{self, hexadecimal};
-use crate::store::Page;
+use crate::store::{Page, StoreResult};
+use axum::body::Body;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, Uri, header};
-use axum::response::Response;
+use axum::response::{IntoResponse as _, Response};
 use schemars::JsonSchema;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -18,9 +20,9 @@ use utoipa::IntoParams;
 use uuid::Uuid;
 
 /// Rows of a page unless asked otherwise.
-const DEFAULT_LIMIT: u32 = 100;
+pub(super) const DEFAULT_LIMIT: u32 = 100;
 /// Rows of a page at most.
-const MAX_LIMIT: u32 = 500;
+pub(super) const MAX_LIMIT: u32 = 500;
 /// Version of the token's layout.
 const VERSION: u8 = 1;
 
@@ -28,9 +30,9 @@ const VERSION: u8 = 1;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(crate) struct PageQuery {
-    /// Rows per page.
-    #[param(minimum = 1, maximum = 500, default = 100, required = false)]
-    pub(crate) limit: u32,
+    /// Rows per page; of a stream (`Accept: application/x-ndjson`) rows in all, every one where it is left out.
+    #[param(value_type = Option<u32>, nullable = false, minimum = 1, maximum = 500, default = 100)]
+    pub(crate) limit: Option<u32>,
     /// The `next_cursor` of the page before, unchanged and with the same filters.
     #[param(value_type = Option<String>, nullable = false, pattern = "^[0-9a-f]{42}$")]
     pub(crate) cursor: Option<Cursor>,
@@ -62,7 +64,7 @@ impl Cursor {
 
 impl FromQuery for PageQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
-        let limit = query.integer("limit", 1, i64::from(MAX_LIMIT))?.map_or(DEFAULT_LIMIT, |limit| limit as u32);
+        let limit = query.integer("limit", 1, i64::from(MAX_LIMIT))?.map(|limit| limit as u32);
         let cursor = match query.take("cursor")? {
             None => None,
             Some(text) => Some(Cursor::read(&text).ok_or_else(not_a_cursor)?),
@@ -129,7 +131,11 @@ impl Pager {
     /// What to ask the store for: one row more than the page holds, to know whether there is a next page.
     #[must_use]
     pub(crate) fn page(&self) -> Page {
-        Page { after: self.query.cursor.map(|cursor| cursor.after), limit: self.query.limit + 1 }
+        Page { after: self.query.cursor.map(|cursor| cursor.after), limit: self.limit() + 1 }
+    }
+
+    fn limit(&self) -> u32 {
+        self.query.limit.unwrap_or(DEFAULT_LIMIT)
     }
 
     /// The answer, from the rows that the store gave for [`Pager::page`].
@@ -143,7 +149,7 @@ impl Pager {
         id: impl Fn(&R) -> Uuid,
         view: impl Fn(R) -> T,
     ) -> ApiResult<Response> {
-        let limit = self.query.limit as usize;
+        let limit = self.limit() as usize;
         let more = rows.len() > limit;
         rows.truncate(limit);
         let next_cursor = rows.last().filter(|_| more).map(|last| Cursor { list: self.list, after: id(last) }.write());
@@ -157,7 +163,7 @@ impl Pager {
     }
 
     fn link(&self, cursor: &str) -> String {
-        let mut query = format!("limit={}&cursor={cursor}", self.query.limit);
+        let mut query = format!("limit={}&cursor={cursor}", self.limit());
         for (name, value) in &self.others {
             query.push_str(&format!("&{}={}", percent_encoded(name), percent_encoded(value)));
         }
@@ -184,20 +190,59 @@ impl<F: FromQuery> FromRequestParts<AppState> for Paged<F> {
 }
 
 impl<F> Paged<F> {
-    /// What to ask the store for.
-    pub(super) fn page(&self) -> Page {
-        self.pager.page()
-    }
-
-    /// The answer, from the rows that the store gave for [`Paged::page`].
-    pub(super) fn answer<R, T: Serialize>(
+    /// The answer: a page as JSON, or everything from there on as a stream of lines. `rows` gives a page's rows.
+    pub(super) async fn answer<R, T, Rows>(
         &self,
-        rows: Vec<R>,
-        id: impl Fn(&R) -> Uuid,
-        view: impl Fn(R) -> T,
-    ) -> ApiResult<Response> {
-        self.pager.answer(&self.headers, rows, id, view)
+        rows: impl Fn(Page) -> Rows + Send + 'static,
+        id: impl Fn(&R) -> Uuid + Send + 'static,
+        view: impl Fn(R) -> T + Send + 'static,
+    ) -> ApiResult<Response>
+    where
+        R: Send + 'static,
+        T: Serialize,
+        Rows: Future<Output = StoreResult<Vec<R>>> + Send + 'static,
+    {
+        if preferred(&self.headers, &["application/json", NDJSON]) != Some(NDJSON) {
+            return self.pager.answer(&self.headers, rows(self.pager.page()).await?, id, view);
+        }
+        let PageQuery { limit, cursor } = self.pager.query;
+        let page = Page { after: cursor.map(|cursor| cursor.after), limit: limit.unwrap_or(MAX_LIMIT) };
+        // The first rows come before the answer begins: what is wrong with the request is a problem with its status.
+        let first = rows(page).await?;
+        let lines = async_stream::stream! {
+            let mut found = first;
+            loop {
+                let last = found.last().map(&id).filter(|_| limit.is_none() && found.len() == MAX_LIMIT as usize);
+                yield as_lines(found, &view).map_err(|problem| std::io::Error::other(problem.to_string()));
+                let Some(after) = last else { return };
+                match rows(Page { after: Some(after), limit: MAX_LIMIT }).await {
+                    Ok(next) => found = next,
+                    // The connection breaks off, so that nobody takes the lines for all there are.
+                    Err(error) => {
+                        tracing::error!(%error, "a stream of a list broke off");
+                        yield Err(std::io::Error::other(error));
+                        return;
+                    }
+                }
+            }
+        };
+        let headers = [
+            (header::CONTENT_TYPE, HeaderValue::from_static(NDJSON)),
+            (header::CACHE_CONTROL, HeaderValue::from_static("no-store")),
+            (header::VARY, HeaderValue::from_static("accept")),
+        ];
+        Ok((headers, Body::from_stream(lines)).into_response())
     }
+}
+
+/// Each row as JSON, on a line of its own.
+fn as_lines<R, T: Serialize>(rows: Vec<R>, view: &impl Fn(R) -> T) -> Result<Vec<u8>, Problem> {
+    let mut lines = Vec::new();
+    for row in rows {
+        lines.extend(to_json(&view(row))?);
+        lines.push(b'\n');
+    }
+    Ok(lines)
 }
 
 fn percent_encoded(text: &str) -> String {
@@ -218,10 +263,10 @@ mod tests {
     #[test]
     fn cursors_survive_the_wire_and_stay_with_their_list() {
         let uri: Uri = "/v1/analyses?kind=ssid&limit=2".parse().unwrap();
-        let pager = Pager::new(&uri, PageQuery { limit: 2, cursor: None }).unwrap();
+        let pager = Pager::new(&uri, PageQuery { limit: Some(2), cursor: None }).unwrap();
         let cursor = Cursor { list: pager.list, after: Uuid::from_u128(7) };
         assert_eq!(Cursor::read(&cursor.write()), Some(cursor));
-        let query = PageQuery { limit: 9, cursor: Some(cursor) };
+        let query = PageQuery { limit: Some(9), cursor: Some(cursor) };
         assert_eq!(Pager::new(&uri, query).unwrap().page(), Page { after: Some(Uuid::from_u128(7)), limit: 10 });
         for other in ["/v1/analyses?kind=frequency_response", "/v1/analyses", "/v1/studies?kind=ssid"] {
             assert_eq!(Pager::new(&other.parse().unwrap(), query).unwrap_err(), not_a_cursor(), "{other}");
@@ -235,7 +280,7 @@ mod tests {
     #[test]
     fn links_repeat_the_filters() {
         let uri: Uri = "/v1/studies/1/subjects?group=g%C3%A4%26b".parse().unwrap();
-        let pager = Pager::new(&uri, PageQuery { limit: 2, cursor: None }).unwrap();
+        let pager = Pager::new(&uri, PageQuery { limit: Some(2), cursor: None }).unwrap();
         assert_eq!(pager.link("c"), "</v1/studies/1/subjects?limit=2&cursor=c&group=g%C3%A4%26b>; rel=\"next\"");
     }
 }

@@ -32,7 +32,7 @@ pub(super) async fn guard(State(state): State<AppState>, request: Request, next:
     let span = tracing::info_span!("request", request_id = %id, %method, path);
 
     let mut response = async {
-        if let Err(refused) = check_host(request.uri(), request.headers()) {
+        if let Err(refused) = check_host(request.uri(), request.headers(), &state.origins) {
             return refused.into_response();
         }
         let request = drained_when_dropped(request, &state);
@@ -91,8 +91,8 @@ fn write_problem(response: Response, id: Uuid, method: &str, path: &str) -> Resp
 }
 
 /// Refuses names that are not of the loopback interface, the only one that is served: a web page that makes its own
-/// name point to 127.0.0.1 (DNS rebinding), or posts a form across origins, is refused.
-fn check_host(uri: &Uri, headers: &HeaderMap) -> Result<(), ApiError> {
+/// name point to 127.0.0.1 (DNS rebinding), or posts a form across origins, is refused, unless its origin is `allowed`.
+fn check_host(uri: &Uri, headers: &HeaderMap, allowed: &[HeaderValue]) -> Result<(), ApiError> {
     let refuse = |what: &str, value: &str| {
         let problem = Problem::new(
             Code::Malformed,
@@ -115,7 +115,7 @@ fn check_host(uri: &Uri, headers: &HeaderMap) -> Result<(), ApiError> {
     {
         return Err(refuse("Host", &host));
     }
-    if let Some(origin) = headers.get(header::ORIGIN) {
+    if let Some(origin) = headers.get(header::ORIGIN).filter(|origin| !allowed.contains(origin)) {
         let text = String::from_utf8_lossy(origin.as_bytes()).into_owned();
         let authority = text.split_once("://").map_or(text.as_str(), |(_, rest)| rest);
         if !is_loopback(authority) {

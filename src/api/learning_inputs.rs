@@ -30,6 +30,9 @@ pub(crate) struct CurveQuery {
     /// Whether divergent trials are shown.
     #[param(required = false, default = false)]
     pub(crate) include_divergent: bool,
+    /// Whether trials are shown that somebody excluded; they are named and left out otherwise.
+    #[param(required = false, default = false)]
+    pub(crate) include_excluded: bool,
     /// Which estimate of the controllers is shown: `ssid`, `ssid_refined`, `two_stimulus` or `prediction_error`. The
     /// others are compared with it where both have intervals.
     #[param(value_type = Option<String>, nullable = false,
@@ -79,6 +82,7 @@ impl FromQuery for CurveQuery {
             plant: query.id("plant")?,
             session: query.integer("session", 0, super::trials::MAX_NUMBER)?,
             include_divergent: query.flag("include_divergent")?,
+            include_excluded: query.flag("include_excluded")?,
             spec,
             trim: query.integer("trim", 0, 1000)?.map_or(CurveOptions::default().trim, |trim| trim as usize),
         })
@@ -93,6 +97,7 @@ impl CurveQuery {
             plant: None,
             session: None,
             include_divergent: false,
+            include_excluded: false,
             estimator,
             joint: false,
             spec: None,
@@ -143,6 +148,8 @@ pub(crate) async fn gather(
         ..TrialFilter::default()
     };
     let trials = state.store.matching_trials(study, &filter).await?;
+    let (excluded, trials): (Vec<_>, Vec<_>) =
+        trials.into_iter().partition(|trial| trial.excluded.is_some() && !query.include_excluded);
     let ids: Vec<_> = trials.iter().map(|trial| trial.id).collect();
     if query.joint && query.estimator != Estimator::PredictionError {
         let detail = format!("a report of {} about several trials says nothing of each", query.estimator.name());
@@ -163,6 +170,7 @@ pub(crate) async fn gather(
     };
     let mut gathered = off_thread(move || assemble(subjects, plants, trials, reports, shown)).await??;
     gathered.remarks.extend(damaged);
+    gathered.remarks.extend(left_out(&excluded));
     if let Some(spec) = &query.spec {
         let mut identified = gathered.subjects.iter().flat_map(|s| &s.trials).flat_map(|t| &t.identifications);
         if !identified.any(|i| i.spec_sha256 == *spec) {
@@ -177,6 +185,26 @@ pub(crate) async fn gather(
         }
     }
     Ok(gathered)
+}
+
+/// Excluded trials that a remark names at most.
+const NAMED: usize = 20;
+
+/// That excluded trials are left out, which and why.
+fn left_out(excluded: &[TrialRecord]) -> Option<Remark> {
+    let name = |trial: &TrialRecord| {
+        let session = trial.session.map_or_else(String::new, |session| format!(" of session {session}"));
+        let reason = trial.excluded.as_deref().unwrap_or_default();
+        format!("{} trial {}{session} ({reason})", trial.subject_code, trial.number)
+    };
+    let mut named: Vec<String> = excluded.iter().take(NAMED).map(name).collect();
+    if let Some(more) = excluded.len().checked_sub(NAMED).filter(|more| *more > 0) {
+        named.push(format!("and {more} more"));
+    }
+    (!excluded.is_empty()).then(|| Remark {
+        code: "excluded_left_out".to_owned(),
+        message: format!("{} excluded trials are left out: {}", excluded.len(), named.join("; ")),
+    })
 }
 
 /// What was found of these trials, by estimator, and remarks on reports that are damaged.
@@ -277,6 +305,7 @@ fn assemble(
             session: trial.session,
             plant: PlantName { id: plant.id.to_string(), name: plant.name.clone() },
             divergent: trial.divergent,
+            excluded: trial.excluded,
             metrics,
             identifications,
             by_other_estimators,

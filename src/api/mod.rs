@@ -7,12 +7,15 @@
 // The macros of `utoipa` write whole paths for what they are given.
 #![allow(unused_qualifications)]
 
+mod accept;
 mod analyses;
 mod answer;
 mod checks;
 mod comparison;
+mod cross_origin;
 mod cursor;
 mod docs;
+mod doubts;
 mod etag;
 mod events;
 mod extract;
@@ -20,13 +23,16 @@ mod figures;
 mod frequency_responses;
 mod guard;
 mod idempotency;
+mod index;
 mod kinds;
 mod learning_curves;
 mod learning_inputs;
 mod median_subjects;
 mod named;
+mod negotiate;
 mod ops;
 mod plants;
+mod prefer;
 mod problem;
 mod router;
 mod samples;
@@ -39,6 +45,7 @@ mod study_analyses;
 mod subjects;
 mod telemetry;
 mod timestamp;
+mod trial_lists;
 mod trials;
 mod trust;
 mod units;

@@ -158,10 +158,15 @@ pub(crate) async fn create(
 /// Lists the plants of a study.
 #[utoipa::path(get, path = "/v1/studies/{study}/plants", tag = "plants", operation_id = "list_plants",
     params(StudyPath, PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of plants.", body = PlantList)))]
+    responses((status = 200, description = "A page of plants; as NDJSON all of them, one a line.",
+        content((PlantList = "application/json"), (PlantView = "application/x-ndjson")))))]
 pub(crate) async fn list(Id(study): Id<StudyId>, list: Paged<()>) -> ApiResult<Response> {
-    let rows = list.state.store.plants(study, list.page()).await?;
-    list.answer(rows, |plant| plant.id.0, PlantView::from)
+    let store = list.state.store.clone();
+    let rows = move |page| {
+        let store = store.clone();
+        async move { store.plants(study, page).await }
+    };
+    list.answer(rows, |plant| plant.id.0, PlantView::from).await
 }
 
 /// Reads a plant.

@@ -168,7 +168,16 @@ impl From<StoreError> for ApiError {
                     .into()
             }
             StoreError::Conflict { rule, detail } => {
-                Problem::new(Code::Conflict, rule.replace('_', " "), detail.clone()).into()
+                let problem = Problem::new(Code::Conflict, rule.replace('_', " "), detail.clone());
+                match *rule {
+                    "trial_in_use" => problem.at("/plant").mend(
+                        "GET /v1/analyses?trial=ID lists them. DELETE each, repeat the change, and ask for them anew; or \
+                         leave the trial as it is.",
+                    ),
+                    "cursor_gone" => problem.at("query parameter cursor").mend("Start without a cursor."),
+                    _ => problem,
+                }
+                .into()
             }
             StoreError::Stale { .. } => {
                 Problem::new(RequestCode::PreconditionFailed, "changed since it was read", error.to_string())

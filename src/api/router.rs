@@ -1,16 +1,22 @@
 //! Routes, layers, and the OpenAPI document that both come from.
 
+use super::accept::{Offers, honour, media_types};
+use super::cross_origin::cross_origin;
 use super::guard::guard;
+use super::index::{Resource, ResourceMethod};
 use super::problem::{HttpProblem, PROBLEM_JSON};
 use super::state::AppState;
 use super::{
-    analyses, comparison, docs, events, figures, frequency_responses, kinds, learning_curves, median_subjects, ops,
-    plants, samples, schema, signals, studies, study_analyses, subjects, trials, trust, upload,
+    analyses, comparison, docs, events, figures, frequency_responses, index, kinds, learning_curves, median_subjects,
+    ops, plants, samples, schema, signals, studies, study_analyses, subjects, trial_lists, trials, trust, upload,
 };
 use axum::Router;
+use axum::middleware::from_fn_with_state;
 use serde_json::Value;
+use tower_http::compression::CompressionLayer;
+use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
 use utoipa::openapi::header::HeaderBuilder;
-use utoipa::openapi::path::{Operation, ParameterIn};
+use utoipa::openapi::path::{Operation, ParameterIn, PathItem};
 use utoipa::openapi::schema::{Schema, Type};
 use utoipa::openapi::{ContentBuilder, ObjectBuilder, Ref, RefOr, Response};
 use utoipa::{OpenApi as _, ToSchema as _};
@@ -42,6 +48,7 @@ struct Document;
 
 fn routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::with_openapi(Document::openapi())
+        .routes(routes!(index::read))
         .routes(routes!(kinds::list))
         .routes(routes!(studies::create, studies::list))
         .routes(routes!(studies::read, studies::patch, studies::delete))
@@ -49,7 +56,8 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(plants::read, plants::patch, plants::delete))
         .routes(routes!(subjects::create, subjects::list))
         .routes(routes!(subjects::read, subjects::patch, subjects::delete))
-        .routes(routes!(upload::upload, trials::list))
+        .routes(routes!(upload::upload, trial_lists::of_subject))
+        .routes(routes!(trial_lists::of_study))
         .routes(routes!(trials::read, trials::patch, trials::delete))
         .routes(routes!(signals::read))
         .routes(routes!(analyses::create, analyses::list))
@@ -87,13 +95,26 @@ pub fn router(state: AppState) -> Router {
     router_with(Router::new(), state)
 }
 
+/// Shorter answers are sent as they are.
+const PACKED_FROM: u64 = 860;
+
 /// The interface with other routes beside its own, behind the same guard.
 pub(crate) fn router_with(beside: Router<AppState>, state: AppState) -> Router {
-    let (router, _) = routes().split_for_parts();
-    router
+    let (router, document) = routes().split_for_parts();
+    // Pictures are packed already, and events must not wait until a packet is full.
+    let large = SizeAbove::new(PACKED_FROM)
+        .and(NotForContentType::new("image/png"))
+        .and(NotForContentType::const_new("text/event-stream"));
+    let router = router
+        .route_layer(from_fn_with_state(Offers::of(&document), honour))
+        .layer(CompressionLayer::new().gzip(true).compress_when(large))
         .merge(docs::pages())
         .merge(beside)
-        .layer(axum::middleware::from_fn_with_state(state.clone(), guard))
+        .fallback(index::elsewhere);
+    // With no origin named, nobody's browser is told anything.
+    let router = if state.origins.is_empty() { router } else { router.layer(cross_origin(&state.origins)) };
+    router
+        .layer(from_fn_with_state(state.clone(), guard))
         .with_state(state)
 }
 
@@ -111,6 +132,19 @@ pub fn openapi() -> Value {
     document
 }
 
+/// Every address with what can be done there, as the document says.
+pub(super) fn resources() -> Vec<Resource> {
+    let (_, document) = routes().split_for_parts();
+    let of_item = |(path, item): (String, PathItem)| {
+        let operations = [("GET", item.get), ("POST", item.post), ("PATCH", item.patch), ("DELETE", item.delete)];
+        let methods = operations.into_iter().filter_map(|(method, operation)| {
+            Some(ResourceMethod { method, does: operation?.summary.unwrap_or_default() })
+        });
+        Resource { path, methods: methods.collect() }
+    };
+    document.paths.paths.into_iter().map(of_item).collect()
+}
+
 /// Adds what all operations of a sort have in common: the problems of the layers around the handlers, and headers.
 fn complete(operation: &mut Operation, writes: bool) {
     let parameters = operation.parameters.iter().flatten();
@@ -123,6 +157,7 @@ fn complete(operation: &mut Operation, writes: bool) {
         creates |= parameter.name == "Idempotency-Key";
     }
     let has_body = operation.request_body.is_some();
+    let writes_media = !media_types(operation).is_empty();
     let responses = &mut operation.responses.responses;
     let mut problems = vec![
         ("400", "Something in the request cannot be read: the path, the query, a header or the body."),
@@ -141,6 +176,9 @@ fn complete(operation: &mut Operation, writes: bool) {
     }
     if if_match {
         problems.push(("412", "It changed since it was read."));
+    }
+    if writes_media {
+        problems.push(("406", "None of the media types that the client accepts can be written."));
     }
     if has_body {
         problems.extend([

@@ -6,6 +6,7 @@
 use super::analyses::{AnalysisList, AnalysisView};
 use super::events::AnalysisEvent;
 use super::figures::FigureList;
+use super::index::IndexView;
 use super::kinds::KindList;
 use super::ops::Health;
 use super::plants::{NewPlantBody, PlantList, PlantPatchBody, PlantView};
@@ -95,6 +96,7 @@ bodies! {
         FigureList,
         Health,
         HttpProblem,
+        IndexView,
         KindList,
         PlantView,
         Report,

@@ -1,8 +1,8 @@
 //! A trial's recording, bit for bit as it was uploaded.
 
 use super::etag::{ETag, IfNoneMatch, is_known, not_modified};
-use super::extract::header_text;
 use super::named::Named;
+use super::negotiate::{not_acceptable, preferred};
 use super::problem::{ApiResult, RequestCode};
 use super::trials::{TrialPath, TrialView};
 use crate::analysis::Problem;
@@ -63,44 +63,15 @@ pub(crate) struct AcceptSignals {
     accept: Option<String>,
 }
 
+/// What a recording can be written as, the default first.
+const OFFERED: [&str; 2] = ["text/csv", "application/json"];
+
 /// The format that the client likes best.
 fn negotiate(headers: &HeaderMap) -> Result<Format, Problem<RequestCode>> {
-    let values: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
-    let accept = values.join(",");
-    if accept.trim().is_empty() {
-        return Ok(Format::Csv);
-    }
-    // Quality of the most specific range that matches, per format (RFC 9110, section 12.5.1).
-    let quality = |kind: &str, whole: &str| {
-        let mut best: Option<(u8, f64)> = None;
-        for range in accept.split(',') {
-            let mut parts = range.split(';').map(str::trim);
-            let media = parts.next().unwrap_or_default().to_ascii_lowercase();
-            let specificity = match media.as_str() {
-                media if media == whole => 2,
-                media if media == kind => 1,
-                "*/*" => 0,
-                _ => continue,
-            };
-            let q = parts.find_map(|p| p.strip_prefix("q=")?.parse::<f64>().ok()).unwrap_or(1.0);
-            if best.is_none_or(|(s, _)| specificity >= s) {
-                best = Some((specificity, q));
-            }
-        }
-        best.map_or(0.0, |(_, q)| q)
-    };
-    let csv = quality("text/*", "text/csv");
-    let json = quality("application/*", "application/json");
-    match (csv, json) {
-        (csv, json) if csv <= 0.0 && json <= 0.0 => Err(Problem::new(
-            RequestCode::NotAcceptable,
-            "not acceptable",
-            format!("signals cannot be written as '{}'", header_text(headers, &header::ACCEPT)),
-        )
-        .at("header Accept")
-        .mend("Accept text/csv or application/json.")),
-        (csv, json) if json > csv => Ok(Format::Json),
-        _ => Ok(Format::Csv),
+    match preferred(headers, &OFFERED) {
+        Some("application/json") => Ok(Format::Json),
+        Some(_) => Ok(Format::Csv),
+        None => Err(not_acceptable(headers, &OFFERED)),
     }
 }
 
@@ -172,29 +143,5 @@ impl Write for Sender {
 
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_best_acceptable_format_is_chosen() {
-        let choose =
-            |accept: &str| negotiate(&HeaderMap::from_iter([(header::ACCEPT, HeaderValue::from_str(accept).unwrap())]));
-        assert_eq!(negotiate(&HeaderMap::new()).unwrap(), Format::Csv);
-        for csv in
-            ["", "*/*", "text/*", "text/csv", "application/json;q=0.5, text/csv", "TEXT/CSV", "text/html, */*;q=0.1"]
-        {
-            assert_eq!(choose(csv).unwrap(), Format::Csv, "{csv}");
-        }
-        for json in ["application/json", "application/*", "text/csv;q=0.2,*/*;q=0.3", "application/json, text/csv;q=0"]
-        {
-            assert_eq!(choose(json).unwrap(), Format::Json, "{json}");
-        }
-        for bad in ["text/html", "*/*;q=0", "text/csv;q=0", "image/png, application/xml", "nonsense"] {
-            assert_eq!(choose(bad).unwrap_err().code, RequestCode::NotAcceptable, "{bad}");
-        }
     }
 }

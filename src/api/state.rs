@@ -3,6 +3,7 @@
 use super::telemetry::HttpTelemetry;
 use crate::cache::CacheCounters;
 use crate::store::Store;
+use axum::http::HeaderValue;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Mutex, Semaphore};
@@ -27,6 +28,8 @@ pub struct Limits {
     pub max_drain_time: Duration,
     /// How long a client may pause within a body.
     pub body_stall: Duration,
+    /// How long an answer waits at most for an analysis (`Prefer: wait`).
+    pub max_wait: Duration,
     /// How long a request may take in all; event streams excepted.
     pub request_timeout: Duration,
     /// Bytes that the JSON of one request may take in memory once it is read.
@@ -50,6 +53,7 @@ impl Default for Limits {
             max_drained_bytes: 2 << 30,
             max_drain_time: Duration::from_secs(30),
             body_stall: Duration::from_secs(30),
+            max_wait: Duration::from_secs(60),
             request_timeout: Duration::from_secs(120),
             max_json_memory_bytes: 512 << 20,
             json_memory_bytes: 640 << 20,
@@ -87,6 +91,8 @@ pub struct AppState {
     /// Held while free numbers are looked up and taken, so that uploads at the same time do not chase one another.
     pub(super) numbering: Arc<Mutex<()>>,
     pub(super) telemetry: Arc<HttpTelemetry>,
+    /// Origins whose pages may read the answers, as browsers write them.
+    pub(super) origins: Arc<[HeaderValue]>,
     /// How often the analyses of this process needed what they share, for the metrics.
     pub(super) cache: Arc<CacheCounters>,
 }
@@ -105,6 +111,7 @@ impl AppState {
             figures: Arc::new(Semaphore::new(FIGURES_AT_ONCE)),
             numbering: Arc::default(),
             telemetry: Arc::default(),
+            origins: Arc::default(),
             cache: Arc::default(),
         }
     }
@@ -124,6 +131,13 @@ impl AppState {
     #[must_use]
     pub fn with_cache(mut self, cache: Arc<CacheCounters>) -> Self {
         self.cache = cache;
+        self
+    }
+
+    /// With origins whose pages may read the answers; none may by default.
+    #[must_use]
+    pub fn with_origins(mut self, origins: Vec<HeaderValue>) -> Self {
+        self.origins = origins.into();
         self
     }
 

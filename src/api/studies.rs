@@ -124,10 +124,15 @@ pub(crate) async fn create(
 /// Lists studies.
 #[utoipa::path(get, path = "/v1/studies", tag = "studies", operation_id = "list_studies",
     params(PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of studies.", body = StudyList)))]
+    responses((status = 200, description = "A page of studies; as NDJSON all of them, one a line.",
+        content((StudyList = "application/json"), (StudyView = "application/x-ndjson")))))]
 pub(crate) async fn list(list: Paged<()>) -> ApiResult<Response> {
-    let rows = list.state.store.studies(list.page()).await?;
-    list.answer(rows, |study| study.id.0, StudyView::from)
+    let store = list.state.store.clone();
+    let rows = move |page| {
+        let store = store.clone();
+        async move { store.studies(page).await }
+    };
+    list.answer(rows, |study| study.id.0, StudyView::from).await
 }
 
 /// Reads a study.

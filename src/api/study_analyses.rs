@@ -4,7 +4,7 @@ use super::analyses::{Checked, check};
 use super::checks::MAX_NAME;
 use super::etag::IfNoneMatch;
 use super::extract::{FromQuery, Id, Integer, Json, Params, QueryText, from_value, off_thread};
-use super::idempotency::{Idempotency, IdempotencyHeader};
+use super::idempotency::{IDEMPOTENT_REPLAYED, Idempotency, IdempotencyHeader};
 use super::learning_inputs::spec_sha256;
 use super::problem::{ApiResult, unless_missing};
 use super::state::AppState;
@@ -12,9 +12,9 @@ use super::studies::StudyPath;
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Code, Kind, Problem, Request, registry};
 use crate::jobs::{Status, run_eta_s};
-use crate::store::{RunFilter, RunProgress, TrialFilter, TrialRecord};
+use crate::store::{Existing, Only, RunFilter, RunProgress, TrialFilter, TrialRecord};
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -39,6 +39,21 @@ pub(crate) struct BulkRequest {
     #[serde(default = "empty")]
     #[schemars(with = "BulkFilter")]
     filter: Value,
+    /// Which of them are queued: `missing` (the default), those that nobody has asked for in the same words or that
+    /// failed or were cancelled; or `all`, once more.
+    #[serde(default)]
+    only: BulkOnly,
+}
+
+/// Which analyses of a bulk request are queued.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum BulkOnly {
+    /// Those for which no analysis with the same inputs and spec is queued, running or succeeded.
+    #[default]
+    Missing,
+    /// All of them, whatever there is.
+    All,
 }
 
 fn empty() -> Value {
@@ -67,6 +82,8 @@ pub(crate) struct BulkFilter {
     number_to: Option<Integer>,
     /// Divergent trials too; they are skipped otherwise.
     include_divergent: bool,
+    /// Excluded trials too; they are skipped otherwise.
+    include_excluded: bool,
 }
 
 /// What was queued: a run.
@@ -76,6 +93,8 @@ pub(crate) struct BulkAnswer {
     created: usize,
     /// They, in the order of the trials.
     analyses: Vec<BulkAnalysis>,
+    /// Analyses that were asked for in the same words before, and were not queued again.
+    existing: Vec<BulkExisting>,
     /// Trials that match but for a reason named.
     skipped: Vec<Skipped>,
     /// How far the run is, with what was queued in the same way before.
@@ -91,6 +110,17 @@ pub(crate) struct BulkAnalysis {
     trial: TrialId,
 }
 
+/// An analysis that was there already.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+pub(crate) struct BulkExisting {
+    /// The analysis.
+    id: AnalysisId,
+    /// Its trial.
+    trial: TrialId,
+    /// Where it stands.
+    status: Status,
+}
+
 /// A trial that no analysis was queued for.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub(crate) struct Skipped {
@@ -100,7 +130,8 @@ pub(crate) struct Skipped {
     reason: String,
 }
 
-/// Queues one analysis for each trial of the study that matches the filter; all of them or none.
+/// Queues one analysis for each trial of the study that matches the filter, where there is none yet; all of them or
+/// none.
 #[utoipa::path(post, path = "/v1/studies/{study}/analyses", tag = "analyses", operation_id = "create_study_analyses",
     params(StudyPath, IdempotencyHeader), request_body = BulkRequest,
     responses((status = 202, description = "Queued.", body = BulkAnswer)))]
@@ -112,18 +143,17 @@ pub(crate) async fn create(
     body: Json<BulkRequest>,
 ) -> ApiResult<Response> {
     let key = idempotency.key(&body.bytes);
-    let BulkRequest { kind, spec, filter } = body.value;
+    let BulkRequest { kind, spec, filter, only } = body.value;
     kind.parse::<Kind>()?;
     let filter: BulkFilter = from_value(&filter, "/filter")?;
     state.store.study(study).await?;
-    let include_divergent = filter.include_divergent;
+    let (include_divergent, include_excluded) = (filter.include_divergent, filter.include_excluded);
+    let left_out = |trial: &TrialRecord| {
+        (trial.divergent && !include_divergent) || (trial.excluded.is_some() && !include_excluded)
+    };
     let filter = checked(&state, study, filter).await?;
-    let (skipped, trials): (Vec<TrialRecord>, Vec<TrialRecord>) = state
-        .store
-        .matching_trials(study, &filter)
-        .await?
-        .into_iter()
-        .partition(|trial| trial.divergent && !include_divergent);
+    let (skipped, trials): (Vec<TrialRecord>, Vec<TrialRecord>) =
+        state.store.matching_trials(study, &filter).await?.into_iter().partition(left_out);
     let limit = state.limits.max_bulk_analyses;
     if trials.len() > limit {
         return Err(Problem::new(
@@ -144,30 +174,35 @@ pub(crate) async fn create(
             .into_iter()
             .map(|trial| {
                 let Checked { new } = check(&request(json!({"trial": trial})))?;
-                Ok((trial, crate::store::NewAnalysis { study: Some(study), ..new }))
+                Ok(crate::store::NewAnalysis { study: Some(study), ..new })
             })
             .collect::<Result<Vec<_>, Problem>>()?;
         Ok::<_, Problem>((format!("/v1/studies/{study}/progress?kind={kind}&spec={run}"), new))
     })
     .await??;
-    let (of_trials, new): (Vec<TrialId>, Vec<_>) = new.into_iter().unzip();
-    let made = state.store.create_analyses(new, key.as_ref()).await?;
-    let analyses: Vec<BulkAnalysis> = made
-        .iter()
-        .zip(&of_trials)
-        .map(|(record, trial)| {
-            let named = record.request.inputs.get("trial").and_then(|id| id.as_str()?.parse().ok());
-            BulkAnalysis { id: record.id, trial: named.unwrap_or(*trial) }
-        })
-        .collect();
-    let skipped = skipped
-        .into_iter()
-        .map(|trial| Skipped {
-            trial: trial.id,
-            reason: format!("divergent: |y| reaches {}, beyond the study's display limit", trial.max_abs_output),
-        })
-        .collect();
-    super::etag::tagged(StatusCode::ACCEPTED, &BulkAnswer { created: analyses.len(), analyses, skipped, progress })
+    let only = match only {
+        BulkOnly::Missing => Only::Missing,
+        BulkOnly::All => Only::All,
+    };
+    let bulk = state.store.create_bulk(new, only, key.as_ref()).await?;
+    let analyses: Vec<BulkAnalysis> =
+        bulk.made.iter().filter_map(|made| Some(BulkAnalysis { id: made.id, trial: made.uses.trial?.id })).collect();
+    let existing = bulk.existing.into_iter();
+    let existing = existing.map(|Existing { id, trial, status }| BulkExisting { id, trial, status }).collect();
+    let skipped = skipped.into_iter().map(|trial| Skipped { trial: trial.id, reason: why_skipped(&trial) }).collect();
+    let answer = BulkAnswer { created: analyses.len(), analyses, existing, skipped, progress };
+    let mut response = super::etag::tagged(StatusCode::ACCEPTED, &answer)?;
+    if bulk.replayed {
+        response.headers_mut().insert(IDEMPOTENT_REPLAYED, HeaderValue::from_static("true"));
+    }
+    Ok(response)
+}
+
+fn why_skipped(trial: &TrialRecord) -> String {
+    match &trial.excluded {
+        Some(reason) => format!("excluded: {reason}"),
+        None => format!("divergent: |y| reaches {}, beyond the study's display limit", trial.max_abs_output),
+    }
 }
 
 /// Which analyses of a study.
@@ -252,7 +287,7 @@ pub(crate) async fn progress(
 /// The filter for the store, which must name things of this study; divergent trials come along, to be named as skipped.
 async fn checked(state: &AppState, study: StudyId, filter: BulkFilter) -> ApiResult<TrialFilter> {
     let bad = |field: &str, why: String| Problem::new(Code::Invalid, "bad filter", why).at(format!("/filter/{field}"));
-    let BulkFilter { group, subject, plant, session, number_from, number_to, include_divergent: _ } = filter;
+    let BulkFilter { group, subject, plant, session, number_from, number_to, .. } = filter;
     let [session, number_from, number_to] = [session, number_from, number_to].map(|i| i.map(|Integer(i)| i));
     if group.as_ref().is_some_and(|group| group.chars().count() > MAX_NAME) {
         return Err(bad("group", format!("no group has more than {MAX_NAME} characters")).into());
@@ -274,5 +309,6 @@ async fn checked(state: &AppState, study: StudyId, filter: BulkFilter) -> ApiRes
     {
         return Err(bad("number_to", format!("it is {to}, and number_from is {from}")).into());
     }
-    Ok(TrialFilter { group, subject, plant, session, number_from, number_to, include_divergent: true })
+    let filter = TrialFilter { group, subject, plant, session, number_from, number_to, ..TrialFilter::default() };
+    Ok(TrialFilter { include_divergent: true, ..filter })
 }

@@ -153,10 +153,15 @@ pub(crate) async fn create(
 /// Lists the subjects of a study.
 #[utoipa::path(get, path = "/v1/studies/{study}/subjects", tag = "subjects", operation_id = "list_subjects",
     params(StudyPath, SubjectQuery, PageQuery, IfNoneMatch),
-    responses((status = 200, description = "A page of subjects.", body = SubjectList)))]
+    responses((status = 200, description = "A page of subjects; as NDJSON all of them, one a line.",
+        content((SubjectList = "application/json"), (SubjectView = "application/x-ndjson")))))]
 pub(crate) async fn list(Id(study): Id<StudyId>, list: Paged<SubjectQuery>) -> ApiResult<Response> {
-    let rows = list.state.store.subjects(study, list.filter.group.as_deref(), list.page()).await?;
-    list.answer(rows, |subject| subject.id.0, SubjectView::from)
+    let (store, group) = (list.state.store.clone(), list.filter.group.clone());
+    let rows = move |page| {
+        let (store, group) = (store.clone(), group.clone());
+        async move { store.subjects(study, group.as_deref(), page).await }
+    };
+    list.answer(rows, |subject| subject.id.0, SubjectView::from).await
 }
 
 /// Reads a subject.

@@ -17,7 +17,7 @@ use crate::learning::time_domain::TimeDomainMetrics;
 use crate::learning::trust_grid::{StudyTrust, TrustGridCell, TrustGridRow};
 use crate::learning::{Identification, PlantName, SpecChoice, TrialInput, choose_spec};
 use crate::store::{StoredTrust, TrialFilter, TrialRecord, TrustFilter};
-use crate::trust::{Evidence, RULE_VERSION, Trust, measured, not_identified, rule};
+use crate::trust::{Evidence, LeftOut, RULE_VERSION, Trust, measured, not_identified, rule};
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
@@ -83,12 +83,17 @@ pub(crate) struct TrialTrust {
     identified: Vec<TrialQuantity>,
 }
 
+/// Whether nothing of a trial is to be used, and why.
+fn left_out(trial: &TrialRecord) -> LeftOut<'_> {
+    LeftOut::of(trial.divergent, trial.excluded.as_deref())
+}
+
 /// The trust in what was measured of a trial.
-pub(super) fn measured_of(metrics: &serde_json::Value, divergent: bool) -> Vec<Trust> {
+pub(super) fn measured_of(metrics: &serde_json::Value, trial: LeftOut<'_>) -> Vec<Trust> {
     [Metric::MeanAbsError, Metric::RmsError, Metric::ControlLogDimensionlessJerk]
         .into_iter()
         .map(|metric| match metrics.get(metric.name()).and_then(serde_json::Value::as_f64) {
-            Some(_) => measured(metric.name(), divergent),
+            Some(_) => measured(metric.name(), trial),
             None => not_identified(metric.name(), "the trial has no such measure"),
         })
         .collect()
@@ -107,13 +112,14 @@ pub(crate) async fn of_trial(
     let record = state.store.trial(id).await?;
     let filter = TrustFilter { trial: Some(id), ..TrustFilter::default() };
     let found = state.store.trust_of_study(record.study, &filter).await?;
+    let left_out = left_out(&record);
     let identified = found.into_iter().map(|own| {
         let mut quantity = own.quantity;
-        quantity.trust = quantity.trust.in_trial(record.divergent);
+        quantity.trust = quantity.trust.in_trial(left_out);
         TrialQuantity { analysis: own.analysis, spec_sha256: own.spec_sha256, trials: own.trials, quantity }
     });
     let identified = identified.collect();
-    let measured = measured_of(&record.metrics, record.divergent);
+    let measured = measured_of(&record.metrics, left_out);
     etag::conditional(&headers, &TrialTrust { rule: RULE_VERSION, measured, identified })
 }
 
@@ -225,7 +231,7 @@ pub(in crate::api) async fn study_trust(
 fn measured_cell(metric: Metric, trial: &TrialRecord) -> TrustGridCell {
     let value = trial.metrics.get(metric.name()).and_then(serde_json::Value::as_f64);
     let trust = match value {
-        Some(_) => measured(metric.name(), trial.divergent),
+        Some(_) => measured(metric.name(), left_out(trial)),
         None => not_identified(metric.name(), "the trial has no such measure"),
     };
     cell(trial, None, value, None, trust)
@@ -240,7 +246,7 @@ fn identified_cell(
     match found {
         Some(own) => {
             let QuantityTrust { value, interval_95, trust, .. } = own.quantity;
-            cell(trial, Some(own.analysis), value, interval_95, trust.in_trial(trial.divergent))
+            cell(trial, Some(own.analysis), value, interval_95, trust.in_trial(left_out(trial)))
         }
         None => {
             let why = format!("this trial has no succeeded {} analysis with the chosen spec", estimator.name());
@@ -292,6 +298,7 @@ fn spec_of(
             session: trial.session,
             plant: PlantName { id: trial.plant.to_string(), name: String::new() },
             divergent: trial.divergent,
+            excluded: trial.excluded.clone(),
             metrics,
             identifications: identifications.collect(),
             by_other_estimators: Vec::new(),

@@ -5,6 +5,7 @@ pub mod simulate;
 pub mod story;
 pub mod tables;
 
+use super::exit::Interrupted;
 use super::import::progress_bar;
 use super::serve::{self, Served};
 use super::{Answer, ask};
@@ -12,7 +13,7 @@ use crate::analysis::ids::{StudyId, TrialId};
 use crate::analysis::report::sha256_json;
 use crate::analysis::{Plan, Request};
 use crate::api::{Connections, Limits};
-use crate::config::{CacheArgs, DatabaseArgs, loopback};
+use crate::config::{CacheArgs, DatabaseArgs, ListenArgs};
 use crate::jobs::Status;
 use crate::learning::inputs::Estimator;
 use crate::learning::{StudyComparison, StudyLearningCurves};
@@ -26,7 +27,6 @@ use indicatif::ProgressBar;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use std::io::Write;
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -64,9 +64,9 @@ pub struct DemoArgs {
     /// Serve the study at the end, and say where a browser finds it.
     #[arg(long)]
     pub serve: bool,
-    /// Address and port to serve it on; loopback only.
-    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080", env = "VOLITION_LISTEN")]
-    pub listen: SocketAddr,
+    /// Where to serve it.
+    #[command(flatten)]
+    pub listen: ListenArgs,
     /// Compute threads; by default one for each processor.
     #[arg(long, value_name = "N")]
     pub compute_threads: Option<usize>,
@@ -82,7 +82,7 @@ pub struct DemoArgs {
 /// When the database holds studies already (without `--force`) or fails, or the person interrupts.
 pub async fn demo(args: &DemoArgs) -> anyhow::Result<ExitCode> {
     // Said before the work and not after it.
-    loopback(args.listen)?;
+    args.listen.checked()?;
     let (folder, path) = match &args.database {
         Some(path) => (None, path.clone()),
         None => {
@@ -95,17 +95,18 @@ pub async fn demo(args: &DemoArgs) -> anyhow::Result<ExitCode> {
     let mut out = std::io::stdout();
     let outcome = tokio::select! {
         outcome = run(args, &store, &mut out) => outcome,
-        _ = tokio::signal::ctrl_c() => Err(anyhow::anyhow!("interrupted")),
+        _ = tokio::signal::ctrl_c() => Err(Interrupted.into()),
     };
     let newest = store.study_overviews(1).await;
     store.close().await;
     if let (Ok(_), Ok(newest), true) = (&outcome, &newest, args.serve) {
         let served = Served {
-            address: loopback(args.listen)?,
+            address: args.listen.checked()?,
             limits: Limits::default(),
             worker: Some(WorkerSettings::default()),
             max_connections: Connections::default().at_once,
             backups: None,
+            origins: Vec::new(),
             place: newest.first().map_or_else(|| "/".to_owned(), |newest| format!("/studies/{}", newest.study.id)),
         };
         serve::run(served, &DatabaseArgs { database: path, reserve_mib: 0 }, &args.cache).await?;

@@ -1,5 +1,8 @@
 //! `volition run SPEC.json`: one analysis without a server or a database.
 
+mod summary;
+
+use super::exit::{FAILED, INTERRUPTED, REFUSED};
 use super::recordings;
 use crate::analysis::{Code, Failure, Library, Plan, Problem, Request, samples};
 use crate::config::CacheArgs;
@@ -7,8 +10,8 @@ use crate::ctl::{Bracket, Ctl, StopReason};
 use crate::worker::compute;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fs::File;
-use std::io::{Read as _, Write as _};
-use std::path::Path;
+use std::io::{IsTerminal as _, Read as _, Write as _};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,44 +19,66 @@ use std::time::Duration;
 /// A document larger than this is no spec; trials inline at 1 kHz for an hour fit.
 const MAX_DOCUMENT_BYTES: u64 = 512 << 20;
 
-/// The input is wrong.
-const BAD_INPUT: u8 = 2;
-/// The input can be read, but the analysis came to no report.
-const FAILED: u8 = 1;
+/// What `volition run` is asked for.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RunArgs {
+    /// A JSON document {"kind", "inputs", "spec"}; `-` reads standard input. A trial in it may be the path of a
+    /// recording, relative to the document.
+    pub spec: PathBuf,
+    /// Compute threads; 0 for one on each processor.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub compute_threads: usize,
+    /// Write the samples that the report carries as CSV, in place of the report.
+    #[arg(long, conflicts_with_all = ["json", "summary"])]
+    pub csv: bool,
+    /// Write the whole report as JSON, as is done where standard output is no terminal.
+    #[arg(long, conflicts_with = "summary")]
+    pub json: bool,
+    /// Write a summary for people, as is done where standard output is a terminal.
+    #[arg(long)]
+    pub summary: bool,
+    /// Where pools and trees wait for the next time.
+    #[command(flatten)]
+    pub cache: CacheArgs,
+}
 
-/// Executes the document in `path` (`-`: standard input), writes the report to standard output or the problem to
-/// standard error, and says how it went by its exit code: 0, 1 (failed) or 2 (bad input). With `csv` the samples that
-/// the report carries are written as CSV in its place.
+/// Executes the document, writes the report to standard output or the problem to standard error, and says how it went
+/// by its exit code: 0, 1 (failed), 2 (bad input) or 130 (interrupted).
 ///
 /// # Errors
 /// Only when standard output cannot be written or a thread cannot be started.
-pub fn run(path: &Path, compute_threads: usize, csv: bool, cache: &CacheArgs) -> anyhow::Result<ExitCode> {
+pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
+    let RunArgs { spec: path, compute_threads, csv, json, summary: for_people, cache } = args;
     let plan = match read(path).and_then(|text| parse(&text, folder_of(path))) {
         Ok(plan) => plan,
-        Err(problem) => return refuse(&problem, BAD_INPUT),
+        Err(problem) => return refuse(&problem, REFUSED),
     };
     let library = Library { pools: cache.pools(None), ..Library::default() };
     let ctl = Arc::new(Ctl::new());
     stop_on_ctrl_c(Arc::clone(&ctl))?;
     let bar = watch(&ctl);
-    let (outcome, _) = compute::run_plan(&plan, &library, &ctl, compute_threads);
+    let (outcome, _) = compute::run_plan(&plan, &library, &ctl, *compute_threads);
     bar.finish_and_clear();
     match outcome {
-        Ok(report) if csv => match samples::csv(&report) {
+        Ok(report) if *csv => match samples::csv(&report) {
             Ok(text) => {
                 std::io::stdout().lock().write_all(text.as_bytes())?;
                 Ok(ExitCode::SUCCESS)
             }
-            Err(problem) => refuse(&problem, BAD_INPUT),
+            Err(problem) => refuse(&problem, REFUSED),
         },
         Ok(report) => {
             let mut out = std::io::stdout().lock();
-            serde_json::to_writer_pretty(&mut out, &report)?;
-            writeln!(out)?;
+            if *for_people || (!json && out.is_terminal()) {
+                out.write_all(summary::summary(&report).as_bytes())?;
+            } else {
+                serde_json::to_writer_pretty(&mut out, &report)?;
+                writeln!(out)?;
+            }
             Ok(ExitCode::SUCCESS)
         }
         Err(Failure::Problem(problem)) => {
-            let code = if blames_the_input(problem.code) { BAD_INPUT } else { FAILED };
+            let code = if blames_the_input(problem.code) { REFUSED } else { FAILED };
             refuse(&problem, code)
         }
         Err(Failure::Stopped(stopped) | Failure::Interrupted { stopped, .. }) => {
@@ -66,7 +91,7 @@ pub fn run(path: &Path, compute_threads: usize, csv: bool, cache: &CacheArgs) ->
             });
             let problem = Problem::new(Code::DeadlineExceeded, "the analysis was stopped", format!("{stopped}{found}"))
                 .mend("Run it again and let it finish.");
-            refuse(&problem, FAILED)
+            refuse(&problem, INTERRUPTED)
         }
     }
 }

@@ -1,6 +1,7 @@
 //! `volition serve`, `worker` and `migrate`: the parts put together.
 
 use super::backup;
+use super::exit::INTERRUPTED;
 use crate::api::{self, AppState, Connections, Limits};
 use crate::config::{BackupSchedule, CacheArgs, DatabaseArgs, ServeArgs, WorkerArgs};
 use crate::jobs::Status;
@@ -8,6 +9,7 @@ use crate::pages;
 use crate::store::{Store, StoreResult};
 use crate::worker::{Analyses, Worker, WorkerSettings};
 use anyhow::Context as _;
+use axum::http::HeaderValue;
 use std::io::Write as _;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -32,7 +34,8 @@ pub async fn serve(
     cache: &CacheArgs,
 ) -> anyhow::Result<()> {
     let served = Served {
-        address: serve.checked_listen()?,
+        address: serve.listen.checked()?,
+        origins: serve.origins()?,
         limits: serve.limits()?,
         worker: (!serve.no_worker).then(|| worker.settings()),
         place: "/".to_owned(),
@@ -50,6 +53,8 @@ pub(crate) struct Served {
     pub(crate) limits: Limits,
     /// The worker inside; `None` for none.
     pub(crate) worker: Option<WorkerSettings>,
+    /// Origins whose pages may read the answers.
+    pub(crate) origins: Vec<HeaderValue>,
     /// The page that is named to whoever started it.
     pub(crate) place: String,
     /// Connections at the same time.
@@ -60,7 +65,7 @@ pub(crate) struct Served {
 
 /// Serves a database until SIGINT or SIGTERM.
 pub(crate) async fn run(served: Served, database: &DatabaseArgs, cache: &CacheArgs) -> anyhow::Result<()> {
-    let Served { address, limits, worker, place, max_connections, backups } = served;
+    let Served { address, limits, origins, worker, place, max_connections, backups } = served;
     let store = open(database).await?;
     let pools = cache.pools(Some(&database.database));
     let embedded = worker.is_some();
@@ -72,6 +77,7 @@ pub(crate) async fn run(served: Served, database: &DatabaseArgs, cache: &CacheAr
     let shutdown = stop_on_signal();
     let state =
         AppState::new(store.clone()).with_limits(limits).with_cache(pools.counters()).with_shutdown(shutdown.clone());
+    let state = state.with_origins(origins);
     let listening = shutdown.clone();
     let connections = Connections { at_once: max_connections, ..Connections::default() };
     let server = tokio::spawn(api::serve(listener, pages::router(state), connections, listening));
@@ -174,7 +180,7 @@ fn stop_on_signal() -> CancellationToken {
         cancelled.cancel();
         signal().await;
         tracing::warn!("stopped at once; analyses under way are rescued when their leases run out");
-        std::process::exit(130);
+        std::process::exit(i32::from(INTERRUPTED));
     });
     token
 }

@@ -63,6 +63,9 @@ pub struct CurvePoint {
     pub position: usize,
     /// Whether |y| passed the display limit.
     pub divergent: bool,
+    /// Why somebody excluded it; null where nobody did. Excluded trials are shown with `include_excluded` only.
+    #[serde(default)]
+    pub excluded: Option<String>,
     /// ‖e‖, the mean of |r − y|.
     pub mean_abs_error: f64,
     /// Root mean square of r − y.
@@ -286,6 +289,7 @@ pub(super) fn point(
         session: trial.session,
         position,
         divergent: trial.divergent,
+        excluded: trial.excluded.clone(),
         mean_abs_error: trial.metrics.mean_abs_error,
         rms_error: trial.metrics.rms_error,
         max_abs_output: trial.metrics.max_abs_output,

@@ -34,6 +34,8 @@ pub struct TrialInput {
     pub plant: PlantName,
     /// Whether |y| passed the display limit.
     pub divergent: bool,
+    /// Why somebody excluded it, where somebody did.
+    pub excluded: Option<String>,
     /// Its metrics in the time domain.
     pub metrics: TimeDomainMetrics,
     /// Every succeeded identification of this trial by the estimator that is shown, in any order.

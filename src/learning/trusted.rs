@@ -2,7 +2,9 @@
 
 use super::curves::{CurvePoint, Metric};
 use super::inputs::{Identification, NormIntervals, Remark};
-use crate::trust::{Estimate, Evidence, Level, MeanTrust, Sort, Trust, judge, measured, not_identified, of_mean};
+use crate::trust::{
+    Estimate, Evidence, LeftOut, Level, MeanTrust, Sort, Trust, judge, measured, not_identified, of_mean,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -31,7 +33,7 @@ impl Identified<'_> {
         }
     }
 
-    fn judge(&self, evidence: &Evidence, divergent: bool) -> Trust {
+    fn judge(&self, evidence: &Evidence, trial: LeftOut<'_>) -> Trust {
         let (sort, spread) = match self.metric {
             Metric::NormFeedback => (Sort::Feedback, evidence.spread_feedback),
             Metric::NormFeedforwardPlantMinusOne => (Sort::Feedforward, evidence.spread_distance),
@@ -40,15 +42,19 @@ impl Identified<'_> {
         };
         let reason = if self.value.is_some() { self.intervals.reason.as_deref() } else { self.missing };
         let (quantity, value, interval) = (self.metric.name(), self.value, self.interval());
-        judge(&Estimate { quantity, sort, value, interval, reason, spread }, evidence, divergent)
+        judge(&Estimate { quantity, sort, value, interval, reason, spread }, evidence, trial)
     }
+}
+
+fn left_out(point: &CurvePoint) -> LeftOut<'_> {
+    LeftOut::of(point.divergent, point.excluded.as_deref())
 }
 
 fn trust(metric: Metric, point: &CurvePoint, evidence: Option<&Evidence>) -> Trust {
     let quantity = metric.name();
     if matches!(metric, Metric::MeanAbsError | Metric::RmsError | Metric::ControlLogDimensionlessJerk) {
         return if point.value(metric).is_some() {
-            measured(quantity, point.divergent)
+            measured(quantity, left_out(point))
         } else {
             not_identified(quantity, "the trial has no such measure")
         };
@@ -60,7 +66,7 @@ fn trust(metric: Metric, point: &CurvePoint, evidence: Option<&Evidence>) -> Tru
         Metric::VarianceAccountedFor => point.variance_accounted_for,
         _ => point.value(metric),
     };
-    Identified { metric, value, intervals: &point.intervals_95, missing }.judge(evidence, point.divergent)
+    Identified { metric, value, intervals: &point.intervals_95, missing }.judge(evidence, left_out(point))
 }
 
 /// A quantity of an identification, with how far it may be used.
@@ -91,7 +97,7 @@ pub fn trust_of_identification(found: &Identification) -> Vec<TrustedQuantity> {
     let one = |(metric, value): (Metric, Option<f64>)| {
         let missing = undefined(metric.name());
         let own = Identified { metric, value, intervals: &found.intervals, missing: missing.as_deref() };
-        let (interval_95, trust) = (own.interval(), own.judge(&found.evidence, false));
+        let (interval_95, trust) = (own.interval(), own.judge(&found.evidence, LeftOut::default()));
         TrustedQuantity { value, interval_95, trust }
     };
     values.into_iter().map(one).collect()

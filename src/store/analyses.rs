@@ -1,15 +1,15 @@
 //! Analyses as the people who ask for them see them.
 
 use super::error::{StoreError, StoreResult};
-use super::idempotency::{or_deleted, remember, replay};
-use super::lists::{Filter, Value};
+use super::lists::{Filter, Order, Value};
 use super::nouns::{Make, Noun, fetch, must_exist};
 use super::open::Store;
 use super::queue::end_of_line;
 use super::records::{
     AnalysisFilter, AnalysisRecord, Created, IdempotencyKey, NewAnalysis, Page, RunFilter, RunProgress,
 };
-use super::rows::{get, json_opt, json_verified, parsed, parsed_opt, sha256, time, time_opt, to_json, unsigned};
+use super::rows::{get, json, json_opt, json_verified, parsed, parsed_opt, sha256, time, time_opt, to_json, unsigned};
+use super::used::used_trials;
 use crate::analysis::ids::{AnalysisId, StudyId};
 use crate::ctl::{Bracket, Progress};
 use crate::jobs::{Event, Job, Status};
@@ -57,17 +57,20 @@ impl Noun for AnalysisRecord {
     const NAME: &'static str = "analysis";
     const TABLE: &'static str = "analyses";
     // Everything but the report, which can be large.
-    const SELECT: &'static str =
+    const SELECT: &'static str = concat!(
         "SELECT n.id, n.study_id, n.kind, n.request, n.request_sha256, n.spec_sha256, n.status,
             n.attempts, n.cancel_requested, n.progress_done, n.progress_total, n.phase, n.phase_from, n.phase_to,
             n.fraction, n.incumbent_cost, n.incumbent_index, n.lower_bound, n.incumbent, n.eta_s, n.problem,
-            n.version, n.created_at, n.started_at, n.finished_at, n.updated_at
-         FROM analyses n";
+            n.version, n.created_at, n.started_at, n.finished_at, n.updated_at, ",
+        used_trials!(),
+        " AS uses FROM analyses n"
+    );
 
     fn from_row(row: &SqliteRow) -> StoreResult<Self> {
         Ok(Self {
             id: parsed(row, "id")?,
             study: parsed_opt(row, "study_id")?,
+            uses: json(row, "uses")?,
             kind: parsed(row, "kind")?,
             request: json_verified(row, "request", "request_sha256")?,
             spec_sha256: get(row, "spec_sha256")?,
@@ -120,7 +123,11 @@ async fn common_study(connection: &mut SqliteConnection, new: &NewAnalysis) -> S
     Ok(common)
 }
 
-async fn insert(connection: &mut SqliteConnection, new: &NewAnalysis, now: i64) -> StoreResult<AnalysisRecord> {
+pub(super) async fn insert(
+    connection: &mut SqliteConnection,
+    new: &NewAnalysis,
+    now: i64,
+) -> StoreResult<AnalysisRecord> {
     if let Some(study) = new.study {
         must_exist(connection, study).await?;
     }
@@ -205,47 +212,6 @@ impl Store {
         Ok(made)
     }
 
-    /// Queues many in one transaction: all or none. Their idempotency key is scoped by the study of the first.
-    ///
-    /// # Errors
-    /// As [`Store::create_analysis`].
-    pub async fn create_analyses(
-        &self,
-        new: Vec<NewAnalysis>,
-        key: Option<&IdempotencyKey>,
-    ) -> StoreResult<Vec<AnalysisRecord>> {
-        // Nothing is made, so there is nothing to repeat: a later request may well find trials that match.
-        let Some(first) = new.first() else { return Ok(Vec::new()) };
-        let scope = format!("studies/{}/analyses", first.study.map(|id| id.to_string()).unwrap_or_default());
-        let (store, key) = (self.clone(), key.cloned());
-        self.uninterrupted(async move { store.write_analyses(&scope, &new, key.as_ref()).await }).await
-    }
-
-    async fn write_analyses(
-        &self,
-        scope: &str,
-        new: &[NewAnalysis],
-        key: Option<&IdempotencyKey>,
-    ) -> StoreResult<Vec<AnalysisRecord>> {
-        let mut tx = self.begin().await?;
-        let mut made = Vec::with_capacity(new.len());
-        if let Some(ids) = replay(&mut tx, scope, key).await? {
-            for id in &ids {
-                made.push(or_deleted(fetch(&mut tx, id).await)?);
-            }
-            return Ok(made);
-        }
-        let now = self.now_us();
-        for new in new {
-            made.push(insert(&mut tx, new, now).await?);
-        }
-        let ids: Vec<String> = made.iter().map(|analysis| analysis.id.to_string()).collect();
-        remember(&mut tx, scope, key, &ids, now).await?;
-        tx.commit().await?;
-        self.announce_work();
-        Ok(made)
-    }
-
     /// One analysis.
     ///
     /// # Errors
@@ -260,6 +226,20 @@ impl Store {
     /// The database's own.
     pub async fn analyses(&self, filter: AnalysisFilter, page: Page) -> StoreResult<Vec<AnalysisRecord>> {
         self.page_of(&mut *self.readers()?.acquire().await?, &asked_for(&filter), page).await
+    }
+
+    /// A page of the analyses that match a filter, the newest first or last.
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn listed_analyses(
+        &self,
+        filter: &AnalysisFilter,
+        newest_first: bool,
+        page: Page,
+    ) -> StoreResult<Vec<AnalysisRecord>> {
+        let order = Order { descending: newest_first, ..Order::CREATED };
+        self.sorted_page(&mut *self.readers()?.acquire().await?, &asked_for(filter), order, page).await
     }
 
     /// Cancels a queued analysis at once, flags a running one, leaves a finished one as it is.

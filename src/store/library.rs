@@ -71,8 +71,9 @@ impl Store {
             let divergent = record.divergent;
             let sha256 = record.sha256.clone();
             let warnings = record.warnings.clone();
+            let excluded = record.excluded.clone();
             let trial = off_runtime(move || unpacked(&record, &columns)).await?;
-            library.trials.insert(*id, Arc::new(StoredTrial { trial, sha256, plant, divergent, warnings }));
+            library.trials.insert(*id, Arc::new(StoredTrial { trial, sha256, plant, divergent, excluded, warnings }));
         }
         let mut connection = self.readers()?.acquire().await?;
         for id in &references.plants {

@@ -68,9 +68,14 @@ impl Filter {
         format!("{select} WHERE {conditions} {rest}")
     }
 
-    /// The statement of one page.
-    pub(super) fn page<N: Noun>(&self) -> String {
-        self.select::<N>(&["n.id > ?"], "ORDER BY n.id LIMIT ?")
+    /// The statement of a page after a row.
+    pub(super) fn page<N: Noun>(&self, order: Order) -> String {
+        self.select::<N>(&[&order.after::<N>()], &order.clause())
+    }
+
+    /// The statement of the first page.
+    fn first_page<N: Noun>(&self, order: Order) -> String {
+        self.select::<N>(&[], &order.clause())
     }
 
     /// The rows of a statement that this filter wrote, with what stands in it beyond the conditions.
@@ -88,6 +93,42 @@ impl Filter {
             };
         }
         Ok(query.fetch_all(connection).await?)
+    }
+}
+
+/// In which order a list comes: by expressions of a row, and by its id where these are equal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Order {
+    /// Expressions of the row under the alias `n`, none of them ever null.
+    pub(super) keys: &'static [&'static str],
+    /// From the greatest to the least.
+    pub(super) descending: bool,
+}
+
+impl Order {
+    /// In the order in which the rows were made.
+    pub(super) const CREATED: Self = Self { keys: &[], descending: false };
+
+    /// The keys with the id.
+    fn all(self) -> Vec<&'static str> {
+        self.keys.iter().copied().chain(["n.id"]).collect()
+    }
+
+    /// The condition that a row comes after the one whose id is bound. What that row's keys are is read from the row
+    /// itself, so that a cursor needs to name nothing but the row.
+    fn after<N: Noun>(self) -> String {
+        let than = if self.descending { '<' } else { '>' };
+        if self.keys.is_empty() {
+            return format!("n.id {than} ?");
+        }
+        let keys = self.all().join(", ");
+        format!("({keys}) {than} (SELECT {keys} FROM {} n WHERE n.id = ?)", N::TABLE)
+    }
+
+    fn clause(self) -> String {
+        let way = if self.descending { " DESC" } else { "" };
+        let keys: Vec<String> = self.all().into_iter().map(|key| format!("{key}{way}")).collect();
+        format!("ORDER BY {} LIMIT ?", keys.join(", "))
     }
 }
 
@@ -117,28 +158,55 @@ impl Store {
         Ok(all.len() as u64)
     }
 
-    /// A page of the rows that meet the conditions, in the order in which they were made. A damaged row is left out,
-    /// and the page filled from the rows behind it: one that is shorter than asked for is the last.
+    /// A page of the rows that meet the conditions, in the order in which they were made.
     pub(super) async fn page_of<N: Noun>(
         &self,
         connection: &mut SqliteConnection,
         filter: &Filter,
         page: Page,
     ) -> StoreResult<Vec<N>> {
+        self.sorted_page(connection, filter, Order::CREATED, page).await
+    }
+
+    /// A page of the rows that meet the conditions, in an order. A damaged row is left out, and the page filled from
+    /// the rows behind it: one that is shorter than asked for is the last.
+    pub(super) async fn sorted_page<N: Noun>(
+        &self,
+        connection: &mut SqliteConnection,
+        filter: &Filter,
+        order: Order,
+        page: Page,
+    ) -> StoreResult<Vec<N>> {
         let wanted = page.limit as usize;
         let mut found = Vec::new();
-        let mut after = page.after_id();
+        let mut after = page.after.map(|id| id.to_string());
+        if let Some(row) = after.as_deref().filter(|_| !order.keys.is_empty()) {
+            still_there::<N>(connection, row).await?;
+        }
         loop {
             let left = wanted - found.len();
-            let more = [Value::Text(after.clone()), Value::Integer(i64::try_from(left).unwrap_or(i64::MAX))];
-            let rows = filter.rows(connection, filter.page::<N>(), &more).await?;
+            let most = Value::Integer(i64::try_from(left).unwrap_or(i64::MAX));
+            let rows = match after.take() {
+                Some(row) => filter.rows(connection, filter.page::<N>(order), &[Value::Text(row), most]).await?,
+                None => filter.rows(connection, filter.first_page::<N>(order), &[most]).await?,
+            };
             for row in &rows {
                 found.extend(self.sound::<N>(row)?);
             }
             match rows.last() {
-                Some(last) if rows.len() == left && found.len() < wanted => after = last.try_get("id")?,
+                Some(last) if rows.len() == left && found.len() < wanted => after = Some(last.try_get("id")?),
                 _ => return Ok(found),
             }
         }
     }
+}
+
+/// Where the last row of the page before is gone, nobody knows where the list goes on.
+async fn still_there<N: Noun>(connection: &mut SqliteConnection, id: &str) -> StoreResult<()> {
+    let exists = AssertSqlSafe(format!("SELECT 1 FROM {} WHERE id = $1", N::TABLE));
+    let found: Option<i64> = sqlx::query_scalar(exists).bind(id).fetch_optional(connection).await?;
+    found.map(drop).ok_or_else(|| StoreError::Conflict {
+        rule: "cursor_gone",
+        detail: format!("the {} that ended the page before was deleted; start the list again", N::NAME),
+    })
 }

@@ -3,7 +3,7 @@
 use super::error::{StoreError, StoreResult};
 use super::idempotency::{or_deleted, remember, replay};
 use super::open::Store;
-use super::records::{Created, IdempotencyKey, Page, Study};
+use super::records::{Created, IdempotencyKey, Study};
 use crate::analysis::ids::StudyId;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{AssertSqlSafe, Sqlite, SqliteConnection, Transaction};
@@ -211,12 +211,5 @@ impl Store {
             return Err(missed::<N>(&mut tx, id).await?);
         }
         Ok(tx.commit().await?)
-    }
-}
-
-impl Page {
-    /// The bound for `id > …`; no id sorts before the empty text.
-    pub(super) fn after_id(&self) -> String {
-        self.after.map(|id| id.to_string()).unwrap_or_default()
     }
 }

@@ -2,7 +2,7 @@
 
 use super::analyses::{COUNTS, asked_for, of_run, run_counts, run_latest};
 use super::error::StoreResult;
-use super::lists::Filter;
+use super::lists::{Filter, Order};
 use super::open::Store;
 use super::plants::of_study;
 use super::queue::{CLAIM, RUNNING, end_of_line};
@@ -19,14 +19,19 @@ use uuid::Uuid;
 /// Every statement whose cost must not grow with what is stored beside what it asks for.
 fn statements() -> Vec<(String, String)> {
     let (study, subject, trial) = (StudyId(Uuid::nil()), SubjectId(Uuid::nil()), TrialId(Uuid::nil()));
-    let page_of_analyses = |filter: AnalysisFilter| asked_for(&filter).page::<AnalysisRecord>();
+    let page_of_analyses = |filter: AnalysisFilter| asked_for(&filter).page::<AnalysisRecord>(Order::CREATED);
     let trials = |filter: TrialFilter| matching(study, &filter).select::<TrialRecord>(&[], IN_ORDER);
     let mut all = vec![
-        ("studies".to_owned(), Filter::default().page::<Study>()),
-        ("plants of a study".to_owned(), of_study(study).page::<Plant>()),
-        ("subjects of a study".to_owned(), of_group(study, None).page::<Subject>()),
-        ("subjects of a group".to_owned(), of_group(study, Some("g")).page::<Subject>()),
-        ("trials of a subject".to_owned(), of_subject(subject).page::<TrialRecord>()),
+        ("studies".to_owned(), Filter::default().page::<Study>(Order::CREATED)),
+        ("plants of a study".to_owned(), of_study(study).page::<Plant>(Order::CREATED)),
+        ("subjects of a study".to_owned(), of_group(study, None).page::<Subject>(Order::CREATED)),
+        ("subjects of a group".to_owned(), of_group(study, Some("g")).page::<Subject>(Order::CREATED)),
+        ("trials of a subject".to_owned(), of_subject(subject).page::<TrialRecord>(Order::CREATED)),
+        (
+            "trials of a study".to_owned(),
+            matching(study, &TrialFilter { include_divergent: true, ..TrialFilter::default() })
+                .page::<TrialRecord>(Order::CREATED),
+        ),
         ("trials of a study, to be drawn".to_owned(), trials(TrialFilter::default())),
         (
             "trials of a subject, to be drawn".to_owned(),

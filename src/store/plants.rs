@@ -2,7 +2,7 @@
 
 use super::error::{StoreError, StoreResult, breaks_unique};
 use super::lists::Filter;
-use super::nouns::{Change, Make, Noun, must_exist};
+use super::nouns::{Change, Make, Noun, must_exist, select};
 use super::open::Store;
 use super::records::{Created, IdempotencyKey, NewPlant, Page, Plant, PlantPatch};
 use super::rows::{get, json, json_verified, parsed, sha256, time, to_json};
@@ -132,6 +132,16 @@ impl Store {
     /// [`StoreError::NotFound`], the database's own.
     pub async fn plant(&self, id: PlantId) -> StoreResult<Plant> {
         self.read(id).await
+    }
+
+    /// The plant of a study that has this name; `None` where there is none.
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn plant_named(&self, study: StudyId, name: &str) -> StoreResult<Option<Plant>> {
+        let rest = "WHERE n.study_id = $1 AND n.name = $2";
+        let query = sqlx::query(select::<Plant>(rest)).bind(study.to_string()).bind(name);
+        query.fetch_optional(self.readers()?).await?.as_ref().map(Plant::from_row).transpose()
     }
 
     /// A page of a study's plants.

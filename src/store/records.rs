@@ -1,6 +1,7 @@
 //! What the store takes and gives, in the words of the domain.
 
 use super::units::{SignalUnits, UnitsChange};
+use super::used::UsedTrials;
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Incumbent, Kind, Problem, Report, Request, Warning};
 use crate::control::Model;
@@ -224,8 +225,12 @@ pub struct TrialRecord {
     pub study: StudyId,
     /// Its subject.
     pub subject: SubjectId,
+    /// The subject's pseudonym.
+    pub subject_code: String,
     /// The plant it was recorded on.
     pub plant: PlantId,
+    /// The plant's name.
+    pub plant_name: String,
     /// Its number.
     pub number: i64,
     /// Its session.
@@ -248,6 +253,10 @@ pub struct TrialRecord {
     pub units: SignalUnits,
     /// What must be read before the trial is used, found at its upload.
     pub warnings: Vec<Warning>,
+    /// A remark; empty where there is none.
+    pub note: String,
+    /// Why it is left out of curves and comparisons; `None` where it is not.
+    pub excluded: Option<String>,
     /// Counts changes, from 1; the ETag.
     pub version: i64,
     /// When it was uploaded.
@@ -257,7 +266,7 @@ pub struct TrialRecord {
 }
 
 /// Changes to a trial; `None` leaves a field as it is.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct TrialPatch {
     /// A new number.
     pub number: Option<i64>,
@@ -265,6 +274,23 @@ pub struct TrialPatch {
     pub session: Option<Option<i64>>,
     /// New units.
     pub units: UnitsChange,
+    /// A new remark.
+    pub note: Option<String>,
+    /// A reason to leave it out, or none.
+    pub excluded: Option<Option<String>>,
+    /// Another plant, with what was measured and doubted on it.
+    pub plant: Option<OnPlant>,
+}
+
+/// A plant that a trial was recorded on after all, with what follows from it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OnPlant {
+    /// The plant, of the same study.
+    pub plant: PlantId,
+    /// Time-domain metrics on this plant, a JSON object.
+    pub metrics: serde_json::Value,
+    /// What must be read before the trial is used.
+    pub warnings: Vec<Warning>,
 }
 
 /// Which trials of a study.
@@ -284,6 +310,10 @@ pub struct TrialFilter {
     pub number_to: Option<i64>,
     /// Divergent trials too.
     pub include_divergent: bool,
+    /// Only divergent trials.
+    pub only_divergent: bool,
+    /// Only excluded trials, or only others.
+    pub excluded: Option<bool>,
 }
 
 /// An analysis as asked for.
@@ -310,6 +340,8 @@ pub struct AnalysisRecord {
     pub id: AnalysisId,
     /// The study, where the inputs are stored things.
     pub study: Option<StudyId>,
+    /// Which stored trials it uses.
+    pub uses: UsedTrials,
     /// The kind.
     pub kind: Kind,
     /// The request with its defaults filled in.

@@ -2,7 +2,7 @@
 
 use super::error::{StoreError, StoreResult, breaks_unique};
 use super::lists::Filter;
-use super::nouns::{Change, Make, Noun, must_exist};
+use super::nouns::{Change, Make, Noun, must_exist, select};
 use super::open::Store;
 use super::records::{Created, IdempotencyKey, NewSubject, Page, Subject, SubjectPatch};
 use super::rows::{get, json, parsed, time, to_json};
@@ -123,6 +123,16 @@ impl Store {
     /// [`StoreError::NotFound`], the database's own.
     pub async fn subject(&self, id: SubjectId) -> StoreResult<Subject> {
         self.read(id).await
+    }
+
+    /// The subject of a study that has this code; `None` where there is none.
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn subject_named(&self, study: StudyId, code: &str) -> StoreResult<Option<Subject>> {
+        let rest = "WHERE n.study_id = $1 AND n.code = $2";
+        let query = sqlx::query(select::<Subject>(rest)).bind(study.to_string()).bind(code);
+        query.fetch_optional(self.readers()?).await?.as_ref().map(Subject::from_row).transpose()
     }
 
     /// A page of a study's subjects, of one group where `group` is given.

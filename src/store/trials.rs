@@ -5,10 +5,10 @@ use super::error::{StoreError, StoreResult, breaks_unique};
 use super::idempotency::{or_deleted, remember, replay};
 use super::nouns::{Change, Noun, fetch};
 use super::open::Store;
-use super::records::{Created, IdempotencyKey, NewTrial, Subject, TrialPatch, TrialRecord};
+use super::records::{Created, IdempotencyKey, NewTrial, OnPlant, Subject, TrialPatch, TrialRecord};
 use super::rows::{get, json, json_verified, parsed, sha256, signed, time, to_json, unsigned};
 use super::signals::{Packed, pack};
-use crate::analysis::ids::{SubjectId, TrialId};
+use crate::analysis::ids::{PlantId, SubjectId, TrialId};
 use crate::num::hexadecimal::hexadecimal;
 use sqlx::SqliteConnection;
 use sqlx::sqlite::SqliteRow;
@@ -22,9 +22,12 @@ impl Noun for TrialRecord {
     const NAME: &'static str = "trial";
     const TABLE: &'static str = "trials";
     const SELECT: &'static str =
-        // The order of the join and its index are said: with many studies the database may take it for better the other
-        // way round, and with one it goes through all of them for each trial, also once there are more.
-        "SELECT n.*, s.display_limit
+        // The order of the join and the indexes are said: with many studies the database may take it for better the
+        // other way round, and with one it goes through all of them for each trial, also once there are more.
+        "SELECT n.*, s.display_limit,
+            (SELECT p.code FROM subjects p INDEXED BY sqlite_autoindex_subjects_1 WHERE p.id = n.subject_id)
+                AS subject_code,
+            (SELECT g.name FROM plants g INDEXED BY sqlite_autoindex_plants_1 WHERE g.id = n.plant_id) AS plant_name
          FROM trials n CROSS JOIN studies s INDEXED BY sqlite_autoindex_studies_1 ON s.id = n.study_id";
 
     fn from_row(row: &SqliteRow) -> StoreResult<Self> {
@@ -34,7 +37,9 @@ impl Noun for TrialRecord {
             id: parsed(row, "id")?,
             study: parsed(row, "study_id")?,
             subject: parsed(row, "subject_id")?,
+            subject_code: get(row, "subject_code")?,
             plant: parsed(row, "plant_id")?,
+            plant_name: get(row, "plant_name")?,
             number: get(row, "number")?,
             session: get(row, "session")?,
             sample_time_s: get(row, "sample_time_s")?,
@@ -50,6 +55,8 @@ impl Noun for TrialRecord {
             },
             warnings: json(row, "warnings")?,
             units: json(row, "units")?,
+            note: get(row, "note")?,
+            excluded: get(row, "excluded")?,
             version: get(row, "version")?,
             created_at: time(row, "created_at")?,
             updated_at: time(row, "updated_at")?,
@@ -101,14 +108,7 @@ async fn insert(
     packed: &[Packed],
     now: i64,
 ) -> StoreResult<String> {
-    let plant: Option<i64> = sqlx::query_scalar("SELECT 1 FROM plants WHERE id = $1 AND study_id = $2")
-        .bind(new.plant.to_string())
-        .bind(study)
-        .fetch_optional(&mut *connection)
-        .await?;
-    if plant.is_none() {
-        return Err(StoreError::not_found("plant", new.plant));
-    }
+    must_be_of_study(connection, new.plant, study).await?;
     let id = Uuid::now_v7().to_string();
     let metrics = to_json(&new.metrics)?;
     sqlx::query(
@@ -153,8 +153,49 @@ async fn insert(
     Ok(id)
 }
 
+/// Puts a trial on another plant; a conflict where an analysis used it, since a report names the plant that it was
+/// computed with.
+async fn put_on_plant(connection: &mut SqliteConnection, before: &TrialRecord, on: &OnPlant) -> StoreResult<()> {
+    if on.plant == before.plant {
+        return Ok(());
+    }
+    let id = before.id.to_string();
+    let used: i64 = sqlx::query_scalar("SELECT count(*) FROM analysis_trials WHERE trial_id = $1")
+        .bind(&id)
+        .fetch_one(&mut *connection)
+        .await?;
+    if used > 0 {
+        let analyses = if used == 1 { "analysis was" } else { "analyses were" };
+        let detail = format!("{used} {analyses} computed from the trial on its present plant");
+        return Err(StoreError::Conflict { rule: "trial_in_use", detail });
+    }
+    must_be_of_study(connection, on.plant, &before.study.to_string()).await?;
+    let metrics = to_json(&on.metrics)?;
+    sqlx::query("UPDATE trials SET plant_id = $2, metrics = $3, metrics_sha256 = $4, warnings = $5 WHERE id = $1")
+        .bind(&id)
+        .bind(on.plant.to_string())
+        .bind(&metrics)
+        .bind(sha256(&metrics))
+        .bind(to_json(&on.warnings)?)
+        .execute(connection)
+        .await?;
+    Ok(())
+}
+
+/// `NotFound` where the study has no such plant.
+async fn must_be_of_study(connection: &mut SqliteConnection, plant: PlantId, study: &str) -> StoreResult<()> {
+    let found: Option<i64> = sqlx::query_scalar("SELECT 1 FROM plants WHERE id = $1 AND study_id = $2")
+        .bind(plant.to_string())
+        .bind(study)
+        .fetch_optional(connection)
+        .await?;
+    found.map(drop).ok_or_else(|| StoreError::not_found("plant", plant))
+}
+
 impl Change for TrialRecord {
     type Patch = TrialPatch;
+    // The old note or reason may name a person.
+    const FORGETS: bool = true;
 
     async fn update(
         connection: &mut SqliteConnection,
@@ -164,8 +205,12 @@ impl Change for TrialRecord {
     ) -> StoreResult<Self> {
         let number = patch.number.unwrap_or(before.number);
         let session = patch.session.unwrap_or(before.session);
+        if let Some(on) = &patch.plant {
+            put_on_plant(connection, before, on).await?;
+        }
         sqlx::query(
-            "UPDATE trials SET number = $2, session = $3, units = $5, version = version + 1, updated_at = $4
+            "UPDATE trials SET number = $2, session = $3, units = $5, note = $6, excluded = $7,
+                version = version + 1, updated_at = $4
              WHERE id = $1",
         )
         .bind(before.id.to_string())
@@ -173,6 +218,8 @@ impl Change for TrialRecord {
         .bind(session)
         .bind(now)
         .bind(to_json(&before.units.changed(&patch.units))?)
+        .bind(patch.note.as_ref().unwrap_or(&before.note))
+        .bind(patch.excluded.as_ref().unwrap_or(&before.excluded))
         .execute(&mut *connection)
         .await
         .map_err(|error| number_taken(error, number, session))?;

@@ -93,14 +93,40 @@ fn reason(level: Level, code: &str, because: impl Into<String>) -> Reason {
     Reason { level, code: code.to_owned(), because: because.into() }
 }
 
-pub(super) fn divergence(divergent: bool) -> Option<Reason> {
-    divergent.then(|| reason(Level::DoNotUse, "divergent", "the output passed the display limit"))
+/// Why nothing of a trial is to be used, whatever was identified from it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct LeftOut<'a> {
+    /// Whether its output passed the display limit.
+    divergent: bool,
+    /// Why somebody excluded it.
+    excluded: Option<&'a str>,
+}
+
+impl<'a> LeftOut<'a> {
+    /// Of a trial that is divergent or not, excluded or not.
+    #[must_use]
+    pub fn of(divergent: bool, excluded: Option<&'a str>) -> Self {
+        Self { divergent, excluded }
+    }
+
+    pub(super) fn reasons(self) -> Vec<Reason> {
+        let divergent =
+            self.divergent.then(|| reason(Level::DoNotUse, "divergent", "the output passed the display limit"));
+        let excluded = self.excluded.map(|why| reason(Level::DoNotUse, "excluded", format!("excluded: {why}")));
+        excluded.into_iter().chain(divergent).collect()
+    }
+}
+
+impl From<bool> for LeftOut<'_> {
+    fn from(divergent: bool) -> Self {
+        Self { divergent, excluded: None }
+    }
 }
 
 /// The trust in something that was measured in time.
 #[must_use]
-pub fn measured(quantity: &str, divergent: bool) -> Trust {
-    worst_of(quantity, divergence(divergent).into_iter().collect(), "measured")
+pub fn measured<'a>(quantity: &str, trial: impl Into<LeftOut<'a>>) -> Trust {
+    worst_of(quantity, trial.into().reasons(), "measured")
 }
 
 /// The trust in something that nothing was identified of.
@@ -111,11 +137,11 @@ pub fn not_identified(quantity: &str, why: &str) -> Trust {
 
 /// The trust in an estimate.
 #[must_use]
-pub fn judge(estimate: &Estimate<'_>, evidence: &Evidence, divergent: bool) -> Trust {
+pub fn judge<'a>(estimate: &Estimate<'_>, evidence: &Evidence, trial: impl Into<LeftOut<'a>>) -> Trust {
     let Some(value) = estimate.value else {
         return not_identified(estimate.quantity, estimate.reason.unwrap_or("it has no value"));
     };
-    let mut found: Vec<Reason> = divergence(divergent).into_iter().collect();
+    let mut found: Vec<Reason> = trial.into().reasons();
     recording(evidence, &mut found);
     simulation(estimate, evidence, &mut found);
     if estimate.sort != Sort::Share {

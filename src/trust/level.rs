@@ -1,5 +1,6 @@
 //! Levels, and what is said beside them.
 
+use super::judge::LeftOut;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -87,16 +88,17 @@ pub struct Trust {
 }
 
 impl Trust {
-    /// The same in a trial whose output passed the display limit, or did not: then nothing of it is to be used, as far
-    /// as there is anything.
+    /// The same in a trial that is divergent or excluded, or neither: of one that is, nothing is to be used, as far as
+    /// there is anything.
     #[must_use]
-    pub fn in_trial(self, divergent: bool) -> Self {
-        if !divergent || self.level == Level::NotIdentified {
+    pub fn in_trial<'a>(self, trial: impl Into<LeftOut<'a>>) -> Self {
+        let reasons = trial.into().reasons();
+        if reasons.is_empty() || self.level == Level::NotIdentified {
             return self;
         }
         let own =
             (self.level != Level::Ok).then_some(Reason { level: self.level, code: self.code, because: self.because });
-        let found = super::judge::divergence(true).into_iter().chain(own).chain(self.also).collect();
+        let found = reasons.into_iter().chain(own).chain(self.also).collect();
         super::judge::worst_of(&self.quantity, found, "ok")
     }
 

@@ -9,6 +9,6 @@ mod judge;
 mod level;
 mod rule;
 
-pub use judge::{Agreement, Estimate, Evidence, Sort, judge, measured, not_identified, worst_of};
+pub use judge::{Agreement, Estimate, Evidence, LeftOut, Sort, judge, measured, not_identified, worst_of};
 pub use level::{Level, MeanTrust, Reason, Trust, of_mean};
 pub use rule::{CONSTANTS, Constants, ROWS, RULE_VERSION, Row, RuleRow, TrustRule, advice, rule};

@@ -117,6 +117,15 @@ pub const ROWS: &[Row] = &[
         "Leave the trial out; correct the study's display limit if that is wrong."
     ),
     row!(
+        2,
+        "excluded",
+        "excluded",
+        "somebody excluded the trial, with a reason",
+        "all of the trial",
+        DoNotUse,
+        "Leave the trial out; take it in again if the reason is wrong."
+    ),
+    row!(
         3,
         "output_not_from_control",
         "warnings: output_not_from_control, channels_exchanged",

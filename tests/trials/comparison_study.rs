@@ -183,6 +183,7 @@ fn trial(number: i64, session: Option<i64>, error: f64) -> TrialInput {
         session,
         plant: PlantName { id: "p".to_owned(), name: "lag".to_owned() },
         divergent: false,
+        excluded: None,
         metrics: TimeDomainMetrics {
             mean_abs_error: error,
             rms_error: error,

@@ -47,6 +47,7 @@ fn trial(number: i64, error: f64, identifications: Vec<Identification>) -> Trial
         session: None,
         plant: PlantName { id: "p1".to_owned(), name: "lag".to_owned() },
         divergent: false,
+        excluded: None,
         metrics: TimeDomainMetrics {
             mean_abs_error: error,
             rms_error: 2.0 * error,
@@ -302,6 +303,7 @@ fn the_chosen_trial_and_the_trimmed_subjects() {
             divergent.divergent = true;
             let trials = vec![
                 divergent,
+                excluded: None,
                 trial(3, 1.0, vec![]),
                 trial(2, 1.0, vec![identification("y", "s", gain, 1.0)]),
                 trial(1, 1.0, vec![identification("x", "s", 5.0, 1.0)]),

@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 use volition::app::demo::{DemoArgs, run};
-use volition::config::CacheArgs;
+use volition::config::{CacheArgs, ListenArgs};
 use volition::store::{Page, Store};
 
 const ALL: Page = Page { after: None, limit: 100 };
 
 fn args(seed: u64, force: bool, html: Option<PathBuf>) -> DemoArgs {
-    let (listen, cache) = ("127.0.0.1:0".parse().unwrap(), CacheArgs::default());
+    let listen = ListenArgs { listen: "127.0.0.1:0".parse().unwrap(), port: None };
+    let cache = CacheArgs::default();
     let (database, serve, compute_threads) = (None, false, None);
     DemoArgs { database, force, seed, subjects: 2, html, serve, listen, compute_threads, cache }
 }

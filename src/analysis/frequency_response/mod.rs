@@ -215,7 +215,7 @@ impl Analysis for Plan {
             FrequencyError::Stopped(stopped) => Failure::Stopped(stopped),
             error => Failure::Problem(frequency_problem::problem(&error, &resolved, "/spec")),
         })?;
-        let mut warnings: Vec<Warning> = divergent_warning(&resolved).into_iter().collect();
+        let mut warnings: Vec<Warning> = left_out_warnings(&resolved);
         warnings.extend(estimate.warnings.iter().map(Warning::from));
         Ok(Outcome::new(FrequencyResponseResult::new(&estimate, &resolved), warnings))
     }
@@ -227,9 +227,19 @@ impl From<&EstimateWarning> for Warning {
     }
 }
 
-/// A warning that names the divergent trials among these, if there are any.
+/// Warnings that name the divergent trials among these, and the excluded ones with the reason, if there are any.
 #[must_use]
-pub fn divergent_warning(trials: &[ResolvedTrial]) -> Option<Warning> {
+pub fn left_out_warnings(trials: &[ResolvedTrial]) -> Vec<Warning> {
+    let excluded: Vec<String> =
+        trials.iter().filter_map(|trial| Some(format!("{} ({})", trial.name, trial.excluded()?))).collect();
+    let excluded = (!excluded.is_empty()).then(|| {
+        let message = format!("used all the same, though somebody excluded it: {}", excluded.join(", "));
+        Warning::new("excluded_trial", message)
+    });
+    divergent_warning(trials).into_iter().chain(excluded).collect()
+}
+
+fn divergent_warning(trials: &[ResolvedTrial]) -> Option<Warning> {
     let divergent: Vec<&str> =
         trials.iter().filter(|trial| trial.divergent()).map(|trial| trial.name.as_str()).collect();
     (!divergent.is_empty()).then(|| {

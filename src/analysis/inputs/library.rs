@@ -40,6 +40,8 @@ pub struct StoredTrial {
     pub plant: Model,
     /// Whether |y| passed the study's display limit.
     pub divergent: bool,
+    /// Why somebody excluded it; `None` where nobody did.
+    pub excluded: Option<String>,
     /// What must be read before the trial is used, found at its upload.
     pub warnings: Vec<Warning>,
 }

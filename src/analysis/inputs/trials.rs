@@ -123,6 +123,15 @@ impl ResolvedTrial {
     pub fn divergent(&self) -> bool {
         matches!(&self.recording, Recording::Stored(stored) if stored.divergent)
     }
+
+    /// Why somebody excluded it; `None` where nobody did.
+    #[must_use]
+    pub fn excluded(&self) -> Option<&str> {
+        match &self.recording {
+            Recording::Stored(stored) => stored.excluded.as_deref(),
+            Recording::Inline { .. } => None,
+        }
+    }
 }
 
 impl TrialInputs {

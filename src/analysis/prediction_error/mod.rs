@@ -10,7 +10,7 @@ mod result;
 mod spec;
 
 use super::contract::{Analysis, Failure, Outcome};
-use super::frequency_response::divergent_warning;
+use super::frequency_response::left_out_warnings;
 use super::inputs::fitted::{FittedTrials, Resolved as ResolvedInputs};
 use super::inputs::library::Library;
 use super::inputs::plant::check_plant;
@@ -89,8 +89,8 @@ impl Analysis for Plan {
         let found = estimate(&records, &resolved.settings, ctl).map_err(|error| failure(error, &fitted))?;
         ctl.advance(1);
         let names: Vec<&str> = fitted.iter().map(|trial| trial.name.as_str()).collect();
-        let mut warnings: Vec<Warning> = divergent_warning(&fitted).into_iter().collect();
-        warnings.extend(divergent_warning(&held_out));
+        let mut warnings: Vec<Warning> = left_out_warnings(&fitted);
+        warnings.extend(left_out_warnings(&held_out));
         let assembly = Assembly::new(&plant, trials[0].sample_time_s, &resolved, &records, &found, ctl)?;
         let fail = |error| failure(error, &fitted);
         let hypotheses = around::hypotheses(&assembly, ctl).map_err(fail)?;

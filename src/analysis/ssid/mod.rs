@@ -20,7 +20,7 @@ mod spec;
 mod structures;
 
 use super::contract::{Analysis, Failure, Incumbent, Outcome};
-use super::frequency_response::divergent_warning;
+use super::frequency_response::left_out_warnings;
 use super::inputs::data::{PlantAndResponses, TrialsOrResponses};
 use super::inputs::fitted::Resolved;
 use super::inputs::frequency_problem;
@@ -310,9 +310,9 @@ impl Plan {
                 } else {
                     repeats(&trials, settings, &estimate, Channels::default(), ctl).map_err(failed)?
                 };
-                let mut warnings: Vec<Warning> = divergent_warning(&resolved).into_iter().collect();
+                let mut warnings: Vec<Warning> = left_out_warnings(&resolved);
                 warnings.extend(estimate.warnings.iter().map(Warning::from));
-                warnings.extend(divergent_warning(&held_out));
+                warnings.extend(left_out_warnings(&held_out));
                 let (data, noise) = (estimate.data(), noise_of(&estimate));
                 Ok(Material { plant, plant_delay_s, data, trials: resolved, held_out, noise, repeats, warnings })
             }

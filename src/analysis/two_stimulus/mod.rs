@@ -14,7 +14,7 @@ mod shares;
 mod spec;
 
 use super::contract::{Analysis, Failure, Outcome};
-use super::frequency_response::divergent_warning;
+use super::frequency_response::left_out_warnings;
 use super::inputs::data::{PlantAndResponses, TrialsOrResponses};
 use super::inputs::fitted::Resolved;
 use super::inputs::frequency_problem;
@@ -251,8 +251,8 @@ impl Plan {
                     FrequencyError::Stopped(stopped) => Failure::Stopped(stopped),
                     error => Failure::Problem(frequency_problem::problem(&error, &trials, "/spec/frequency")),
                 })?;
-                let mut warnings: Vec<Warning> = divergent_warning(&trials).into_iter().collect();
-                warnings.extend(divergent_warning(&held_out));
+                let mut warnings: Vec<Warning> = left_out_warnings(&trials);
+                warnings.extend(left_out_warnings(&held_out));
                 warnings.extend(lines.warnings.iter().map(Warning::from));
                 if !lines.has(Stimulus::Disturbance) {
                     return Err(no_disturbance(&[]).into());

@@ -8,6 +8,7 @@ mod weight;
 pub(super) use body::{Encoding, encoding, media_type, read_body, unsupported};
 pub(super) use json::{Integer, Json, MergePatch, from_json, from_value};
 pub(super) use json::{or_default, present};
+pub(super) use query::parse_id;
 pub(crate) use query::{FromQuery, Id, Params, QueryText};
 
 use super::problem::{ApiResult, internal};

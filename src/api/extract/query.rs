@@ -141,6 +141,14 @@ impl QueryText {
         }
     }
 
+    /// `true` or `false`; `None` without it.
+    ///
+    /// # Errors
+    /// `malformed`, where it is neither.
+    pub(crate) fn yes_or_no(&mut self, name: &'static str) -> Result<Option<bool>, Problem> {
+        self.one_of(name, "true, false", |text| text.parse().ok())
+    }
+
     /// One of the names that `parse` knows.
     ///
     /// # Errors

@@ -4,14 +4,13 @@ use super::UploadQuery;
 use super::assign::Wanted;
 use super::files::{Budget, File};
 use crate::analysis::{Code, Problem, Warning};
+use crate::api::doubts::doubts;
 use crate::api::problem::{ApiError, ApiResult, internal};
 use crate::api::state::{AppState, Limits};
-use crate::control::Model;
 use crate::exchange::{Reading, Understood};
-use crate::learning::{recording, time_domain};
+use crate::learning::time_domain;
 use crate::num::hexadecimal::hexadecimal;
 use crate::store::{Created, IdempotencyKey, NewTrial, Plant, StoreError, Subject, TrialFilter, TrialRecord};
-use crate::trial::Trial;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -27,11 +26,6 @@ pub(super) struct Said {
     pub(crate) ignored_columns: Vec<String>,
     pub(crate) understood: Understood,
     pub(crate) warnings: Vec<Warning>,
-}
-
-/// What is doubtful about a recording, as it is kept with the trial.
-fn warnings_of(trial: &Trial, plant: &Model) -> Vec<Warning> {
-    recording::doubts(trial, Some(plant)).into_iter().map(|doubt| Warning::new(doubt.code, doubt.message)).collect()
 }
 
 /// Reads and measures the files; a number that is left to the server is 0 for now.
@@ -64,7 +58,7 @@ pub(super) fn parse_all(
             ));
         }
         let mut own = done;
-        own.extend(warnings_of(&trial, &plant.model));
+        own.extend(doubts(&trial, &plant.model));
         warnings.extend(own.iter().cloned());
         let new = NewTrial {
             plant: wanted.plant,

@@ -183,6 +183,7 @@ mod tests {
             session: None,
             plant: PlantName { id: "p".to_owned(), name: "lag".to_owned() },
             divergent,
+            excluded: None,
             metrics: TimeDomainMetrics {
                 mean_abs_error: error,
                 rms_error: error,

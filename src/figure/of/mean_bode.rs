@@ -156,6 +156,7 @@ mod tests {
                     session: None,
                     plant: PlantName { id: "p".into(), name: "first order".into() },
                     divergent: false,
+                    excluded: None,
                     metrics: serde_json::from_value(json!({
                         "mean_abs_error": 1.0, "rms_error": 1.0, "max_abs_output": 1.0,
                         "right_control_at_start": null, "right_control_threshold": 0.05

@@ -42,10 +42,16 @@ impl TestServer {
     }
 
     pub async fn start_with(limits: Limits) -> Self {
+        Self::start_for(limits, &[]).await
+    }
+
+    /// With origins whose pages may ask.
+    pub async fn start_for(limits: Limits, origins: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(Some(&folder.path().join("volition.db"))).await.unwrap();
         let shutdown = CancellationToken::new();
         let state = AppState::new(store.clone()).with_limits(limits).with_shutdown(shutdown.clone());
+        let state = state.with_origins(origins.iter().map(|origin| origin.parse().unwrap()).collect());
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let stop = shutdown.clone();

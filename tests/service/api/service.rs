@@ -4,13 +4,25 @@ use crate::api::harness::TestServer;
 use serde_json::json;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
+use volition::api::Limits;
 
 #[tokio::test]
 async fn unknown_routes_and_methods_are_problems() {
     let server = TestServer::start().await;
     let lost = server.get("/v2/studies").await.problem(404, "not_found");
     assert!(lost["mend"].as_str().unwrap().contains("/openapi.json"));
-    server.get("/v1/studies/").await.problem(404, "not_found");
+    let moved = reqwest::Client::builder().redirect(reqwest::redirect::Policy::none()).build().unwrap();
+    for (method, path, to) in [
+        ("GET", "/v1/studies/?limit=3", "/v1/studies?limit=3"),
+        ("POST", "/v1/analyses//", "/v1/analyses"),
+        ("GET", "/v1/", "/v1"),
+    ] {
+        let method = reqwest::Method::from_bytes(method.as_bytes()).unwrap();
+        let answer = moved.request(method, server.url(path)).send().await.unwrap();
+        assert_eq!((answer.status().as_u16(), &answer.headers()["location"]), (308, &to.parse().unwrap()), "{path}");
+    }
+    let answer = moved.get(server.url("//lab.example/")).send().await.unwrap();
+    assert_eq!(answer.status().as_u16(), 404, "no address leads to another host");
     let refused = server.send(server.request("PUT", "/v1/studies")).await;
     refused.problem(405, "method_not_allowed");
     let mut allowed: Vec<&str> = refused.header("allow").split(',').collect();
@@ -40,6 +52,109 @@ async fn foreign_hosts_and_origins_are_refused() {
     let own = server.request("POST", "/v1/studies").header("origin", format!("http://localhost:{port}"));
     server.send(own.json(&json!({"name": "x"}))).await.json(201);
     assert_eq!(server.census().await[0], 1);
+    server.finish().await;
+}
+
+#[tokio::test]
+async fn the_index_names_every_route_and_every_limit() {
+    let server = TestServer::start_with(Limits { max_rows: 1234, ..Limits::default() }).await;
+    let index = server.get("/v1").await.json(200);
+    let document: serde_json::Value = serde_json::from_str(&volition::api::document()).unwrap();
+    let named: Vec<&str> =
+        index["resources"].as_array().unwrap().iter().map(|own| own["path"].as_str().unwrap()).collect();
+    let documented: Vec<&String> = document["paths"].as_object().unwrap().keys().collect();
+    assert_eq!(named.len(), documented.len());
+    assert!(documented.iter().all(|path| named.contains(&path.as_str())));
+    let studies = index["resources"].as_array().unwrap().iter().find(|own| own["path"] == "/v1/studies").unwrap();
+    assert_eq!(studies["methods"][1], json!({"method": "POST", "does": "Makes a study."}));
+    let limits = &index["limits"];
+    assert_eq!((&limits["trial_samples"], &limits["page_rows"], &limits["wait_s"]), (&json!(1234), &json!(500), &json!(60.0)));
+    for link in ["openapi", "docs", "kinds", "studies"] {
+        assert_eq!(server.get(index["links"][link].as_str().unwrap()).await.status, 200, "{link}");
+    }
+    server.finish().await;
+}
+
+#[tokio::test]
+async fn pages_of_named_origins_may_ask_and_read() {
+    let lab = "https://lab.example";
+    let server = TestServer::start_for(Limits::default(), &[lab]).await;
+    let asked = server
+        .request("OPTIONS", "/v1/studies")
+        .header("origin", lab)
+        .header("access-control-request-method", "POST")
+        .header("access-control-request-headers", "content-type, idempotency-key, prefer");
+    let allowed = server.send(asked).await;
+    assert_eq!((allowed.status.as_u16(), allowed.header("access-control-allow-origin")), (200, lab));
+    assert!(allowed.header("access-control-allow-methods").contains("PATCH"));
+    assert!(allowed.header("access-control-allow-headers").contains("idempotency-key"));
+    let made = server.request("POST", "/v1/studies").header("origin", lab).json(&json!({"name": "from a page"}));
+    let made = server.send(made).await;
+    made.json(201);
+    assert_eq!(made.header("access-control-allow-origin"), lab);
+    assert!(made.header("access-control-expose-headers").contains("etag"));
+    // What is wrong can be read too.
+    let wrong = server.send(server.request("GET", "/v1/studies?x=1").header("origin", lab)).await;
+    wrong.problem(400, "malformed");
+    assert_eq!(wrong.header("access-control-allow-origin"), lab);
+    let other = server.send(server.request("GET", "/v1/studies").header("origin", "https://evil.example")).await;
+    other.problem(421, "malformed");
+    server.finish().await;
+    // Nobody was named: a page of this machine may ask, as before, and its browser shows it nothing.
+    let server = TestServer::start().await;
+    let own = server.send(server.request("GET", "/v1/studies").header("origin", "http://localhost:3000")).await;
+    assert!(own.status == 200 && !own.headers.contains_key("access-control-allow-origin"));
+    let refused = server.send(server.request("OPTIONS", "/v1/studies").header("origin", lab)).await;
+    refused.problem(421, "malformed");
+    server.finish().await;
+}
+
+#[tokio::test]
+async fn what_cannot_be_accepted_is_refused_before_anything_is_done() {
+    let server = TestServer::start().await;
+    let study = server.study().await;
+    for (method, path) in [
+        ("POST", "/v1/studies".to_owned()),
+        ("GET", "/v1/studies".to_owned()),
+        ("GET", "/v1".to_owned()),
+        ("GET", format!("/v1/studies/{study}/learning-curves")),
+        ("GET", "/metrics".to_owned()),
+        ("GET", format!("/v1/studies/{study}/figures/mean_abs_error")),
+    ] {
+        let request = server.request(method, &path).header("accept", "application/pdf").json(&json!({"name": "x"}));
+        let refused = server.send(request).await.problem(406, "not_acceptable");
+        assert_eq!(refused["where"], "header Accept", "{path}");
+    }
+    assert_eq!(server.census().await[0], 1, "the refused creation made nothing");
+    for accept in ["*/*", "application/*", "text/html;q=0.9, application/json;q=0.1"] {
+        let read = server.request("GET", &format!("/v1/studies/{study}")).header("accept", accept);
+        server.send(read).await.json(200);
+    }
+    let gone = server.request("DELETE", &format!("/v1/studies/{study}")).header("accept", "image/png");
+    assert_eq!(server.send(gone).await.status, 204, "an answer without a body has no type");
+    server.finish().await;
+}
+
+#[tokio::test]
+async fn large_answers_are_packed_for_whoever_takes_that() {
+    use std::io::Read as _;
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let trial = server.trial(&lab, 1).await;
+    for path in ["/openapi.json".to_owned(), format!("/v1/trials/{trial}/signals"), "/v1/kinds".to_owned()] {
+        let plain = server.get(&path).await;
+        assert!(!plain.headers.contains_key("content-encoding"), "{path}");
+        let request = server.request("GET", &path).header("accept-encoding", "gzip");
+        let packed = reqwest::Client::new().execute(request.build().unwrap()).await.unwrap();
+        assert_eq!(packed.headers()["content-encoding"], "gzip", "{path}");
+        assert_eq!(packed.headers()["etag"], plain.headers["etag"], "{path}");
+        let bytes = packed.bytes().await.unwrap();
+        let mut text = Vec::new();
+        flate2::read::GzDecoder::new(&bytes[..]).read_to_end(&mut text).unwrap();
+        assert!(text == plain.bytes && bytes.len() < text.len(), "{path}");
+    }
+    let small = server.request("GET", "/healthz").header("accept-encoding", "gzip");
+    assert!(!server.send(small).await.headers.contains_key("content-encoding"));
     server.finish().await;
 }
 

@@ -214,7 +214,7 @@ fn bad_input_exits_with_2_and_says_where() {
 fn other_addresses_than_loopback_are_refused_with_the_reason() {
     for address in ["0.0.0.0:0", "[::]:0", "192.0.2.1:80"] {
         let output = volition(&["serve", "--listen", address, "--database", "/nowhere/volition.db"]).output().unwrap();
-        assert_eq!(output.status.code(), Some(1));
+        assert_eq!(output.status.code(), Some(2));
         let words = String::from_utf8(output.stderr).unwrap();
         assert!(words.contains("refusing to listen on") && words.contains("access tokens"), "{words}");
     }

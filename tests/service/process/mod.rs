@@ -1,6 +1,7 @@
 //! The real command in real processes: killed, restarted, drained, given bad input.
 
 mod command_line;
+mod conveniences;
 mod disk;
 mod excitation;
 pub mod harness;

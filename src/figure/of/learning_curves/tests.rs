@@ -33,6 +33,7 @@ fn identified(
                     session,
                     plant: plant.clone(),
                     divergent: false,
+                    excluded: None,
                     metrics: metrics(1.0 / number as f64 + 0.1 * (subject % 3) as f64),
                     identifications: found(number).into_iter().collect(),
                     by_other_estimators: Vec::new(),
