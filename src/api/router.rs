@@ -4,8 +4,8 @@ use super::guard::guard;
 use super::problem::{HttpProblem, PROBLEM_JSON};
 use super::state::AppState;
 use super::{
-    analyses, comparison, docs, events, figures, frequency_responses, kinds, learning_curves, median_subjects, ops,
-    plants, samples, schema, signals, studies, study_analyses, subjects, trials, trust, upload,
+    analyses, comparison, docs, events, figures, frequency_responses, kinds, learning_curves, median_subjects, models,
+    ops, plants, samples, schema, signals, studies, study_analyses, study_table, subjects, trials, trust, upload,
 };
 use axum::Router;
 use serde_json::Value;
@@ -58,12 +58,14 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(analyses::read, analyses::delete))
         .routes(routes!(analyses::report))
         .routes(routes!(samples::read))
+        .routes(routes!(models::read))
         .routes(routes!(analyses::cancel))
         .routes(routes!(events::follow))
         .routes(routes!(trust::read_rule))
         .routes(routes!(trust::of_analysis))
         .routes(routes!(trust::of_trial))
         .routes(routes!(trust::of_study))
+        .routes(routes!(study_table::read))
         .routes(routes!(learning_curves::of_subject))
         .routes(routes!(learning_curves::of_study))
         .routes(routes!(comparison::of_study))

@@ -8,6 +8,9 @@
 //! the reason, and the words that would settle it. [`text`] has the tables, [`matlab`] files of variables
 //! and [`variables`] what is taken from them, [`names`] says which column is which
 //! signal, [`time`] brings times to seconds and, when asked, to a uniform grid.
+//!
+//! The way out is simpler: [`tables`] has what a study says as tidy tables, [`models`] what a report found as other
+//! programs compute with it, [`write`] the formats of files.
 
 pub mod archive;
 pub mod bids;
@@ -16,16 +19,19 @@ mod format;
 #[cfg(feature = "hdf5")]
 mod hdf5;
 pub mod matlab;
+pub mod models;
 pub mod names;
 mod numbers;
 mod numpy;
 pub mod options;
 mod reading;
 mod source;
+pub mod tables;
 pub mod text;
 pub mod time;
 pub mod understood;
 pub mod variables;
+pub mod write;
 
 use crate::analysis::{Code, Problem};
 use crate::trial::json;

@@ -68,6 +68,7 @@ pub use nouns::{Change, Noun};
 pub use open::Store;
 pub use passages::Passage;
 pub use records::*;
+pub use reports::{ReportFilter, StudyReport, StudyReports};
 pub use trust::{StoredTrust, TrustFilter};
 pub use units::{SignalUnits, UnitsChange};
 pub use verify::{Finding, Verified, verify_file};
