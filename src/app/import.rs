@@ -1,9 +1,10 @@
-//! `volition import DIR`: a folder of trials into a study, with the same checks as an upload.
+//! `volition import DIR`: a folder of trials into a study, with the same checks as an upload; or a bundle as it is.
 
 pub mod index;
 pub mod load;
 pub mod plant_text;
 
+use super::bundle::take_in::{self, TakeIn, take_in};
 use super::recordings::ReadingArgs;
 use crate::control::Model;
 use crate::store::Store;
@@ -24,11 +25,12 @@ const REFUSED: u8 = 2;
 pub struct ImportArgs {
     /// Folder with recordings (tables as text or JSON, packed with gzip or not) and an index: index.csv with the
     /// columns file, subject, trial and optionally group, session, plant, display_limit, or index.json or truth.json,
-    /// an array of objects with these members, and plant_num and plant_den for the plant.
+    /// an array of objects with these members, and plant_num and plant_den for the plant. Or a file that `volition
+    /// export` wrote: a study, which is taken in under its own ids.
     pub folder: PathBuf,
-    /// Name of the study; made if there is none.
+    /// Name of the study that a folder is imported into; made if there is none.
     #[arg(long, value_name = "NAME")]
-    pub study: String,
+    pub study: Option<String>,
     /// Database file; made if it does not exist.
     #[arg(long, value_name = "FILE", default_value = "volition.db", env = "VOLITION_DATABASE")]
     pub database: PathBuf,
@@ -46,6 +48,10 @@ pub struct ImportArgs {
     /// Import only rows with this text in a column of the index; may be repeated.
     #[arg(long = "where", value_name = "COLUMN=VALUE")]
     pub conditions: Vec<Condition>,
+    /// Of an exported study: compute an analysis again and compare the results; the first one that succeeded, unless an
+    /// id is given.
+    #[arg(long, value_name = "ANALYSIS", num_args = 0..=1)]
+    pub recompute: Option<Option<String>>,
     /// What the files do not say themselves.
     #[command(flatten)]
     pub reading: ReadingArgs,
@@ -56,6 +62,19 @@ pub struct ImportArgs {
 /// # Errors
 /// When the index cannot be read, an option makes no sense, or the database fails.
 pub async fn import(args: &ImportArgs) -> anyhow::Result<ExitCode> {
+    if take_in::is_bundle(&args.folder) {
+        let recompute = args.recompute.as_ref().map(Option::as_deref);
+        return take_in(TakeIn { file: &args.folder, database: &args.database, recompute }).await;
+    }
+    let Some(study) = &args.study else {
+        anyhow::bail!(
+            "{} is no exported study: name the study that it is imported into with --study",
+            args.folder.display()
+        );
+    };
+    if args.recompute.is_some() {
+        anyhow::bail!("--recompute is for an exported study, and {} is none", args.folder.display());
+    }
     let index = index::read(&args.folder, args.index.as_deref(), &args.conditions)?;
     let plants = plant_options(&args.plants)?;
     let limit = match args.display_limit {
@@ -64,7 +83,7 @@ pub async fn import(args: &ImportArgs) -> anyhow::Result<ExitCode> {
         None => load::common_display_limit(&index)?,
     };
     let store = Store::open(Some(&args.database)).await?;
-    let study = load::find_or_create_study(&store, &args.study, limit).await?;
+    let study = load::find_or_create_study(&store, study, limit).await?;
     let bar = progress_bar("imported");
     let options = args.reading.options();
     let outcome = load::load(&store, &study, &args.folder, &index, &plants, &options, &bar).await;

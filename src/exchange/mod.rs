@@ -10,10 +10,12 @@
 //! signal, [`time`] brings times to seconds and, when asked, to a uniform grid.
 //!
 //! The way out is simpler: [`tables`] has what a study says as tidy tables, [`models`] what a report found as other
-//! programs compute with it, [`write`] the formats of files.
+//! programs compute with it, [`write`] the formats of files,
+//! [`bundle`] a whole study in one archive.
 
 pub mod archive;
 pub mod bids;
+pub mod bundle;
 mod excel;
 mod format;
 #[cfg(feature = "hdf5")]

@@ -185,12 +185,13 @@ async fn the_command_says_by_its_exit_code_whether_anything_was_refused() {
     std::fs::write(folder.path().join("model.json"), r#"{"num": [1], "den": [1, 0]}"#).unwrap();
     let arguments = |plants: Vec<String>| ImportArgs {
         folder: folder.path().to_owned(),
-        study: "lab".to_owned(),
+        study: Some("lab".to_owned()),
         database: folder.path().join("lab.db"),
         index: None,
         plants,
         display_limit: None,
         conditions: Vec::new(),
+        recompute: None,
         reading: ReadingArgs::default(),
     };
     let code = |outcome: anyhow::Result<ExitCode>| format!("{:?}", outcome.unwrap());

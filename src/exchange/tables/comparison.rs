@@ -82,7 +82,8 @@ pub fn of_study(comparison: &StudyComparison) -> Table {
         }
     }
     for pair in &comparison.pairs {
-        let (Some(first), Some(second)) = (comparison.groups.get(pair.first), comparison.groups.get(pair.second)) else {
+        let (Some(first), Some(second)) = (comparison.groups.get(pair.first), comparison.groups.get(pair.second))
+        else {
             continue;
         };
         for metric in &pair.metrics {

@@ -6,8 +6,22 @@ use crate::learning::{StudyLearningCurves, SubjectLearningCurve};
 
 /// The columns of a subject's curve.
 const OF_SUBJECT: &[&str] = &[
-    "subject", "group", "plant", "session", "number", "position", "trial", "divergent", "metric", "value", "low",
-    "high", "trust", "trust_code", "analysis", "missing",
+    "subject",
+    "group",
+    "plant",
+    "session",
+    "number",
+    "position",
+    "trial",
+    "divergent",
+    "metric",
+    "value",
+    "low",
+    "high",
+    "trust",
+    "trust_code",
+    "analysis",
+    "missing",
 ];
 
 /// The columns of a study's curves.

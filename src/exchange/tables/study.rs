@@ -11,7 +11,16 @@ use serde_json::{Map, Value};
 
 /// The columns that every table of a study begins with.
 const COLUMNS: &[&str] = &[
-    "study", "subject", "group", "session", "number", "trial", "plant", "sample_time_s", "samples", "duration_s",
+    "study",
+    "subject",
+    "group",
+    "session",
+    "number",
+    "trial",
+    "plant",
+    "sample_time_s",
+    "samples",
+    "duration_s",
     "divergent",
 ];
 

@@ -22,9 +22,8 @@ impl Sequence {
     #[must_use]
     pub fn of_trial(trial: &crate::trial::Trial) -> Self {
         let channels = crate::trial::Channel::ALL.into_iter();
-        let columns = channels.filter_map(|channel| {
-            Some((channel.letter().to_owned(), trial.signals.channel(channel)?.to_vec()))
-        });
+        let columns = channels
+            .filter_map(|channel| Some((channel.letter().to_owned(), trial.signals.channel(channel)?.to_vec())));
         Self { sample_time_s: trial.sample_time_s, columns: columns.collect() }
     }
 }

@@ -7,6 +7,7 @@ mod conditional;
 mod connections;
 mod designs;
 mod events;
+mod exchange;
 mod excitation;
 mod figures;
 mod gain_fit;
