@@ -10,7 +10,7 @@ use super::studies::StudyPath;
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, TrialId};
 use crate::analysis::{Kind, Problem, registry};
 use crate::exchange::tables::Record;
-use crate::exchange::tables::study::{self, AnalysisFacts, TrialFacts};
+use crate::exchange::tables::study::{self, AnalysisFacts, TRIAL_COLUMNS, TrialFacts};
 use crate::store::{
     Plant, ReportFilter, StoredTrust, Study, StudyReport, Subject, TrialFilter, TrialRecord, TrustFilter,
 };
@@ -25,9 +25,6 @@ use utoipa::IntoParams;
 
 /// Reports read at once: a row keeps little of one.
 const AT_ONCE: u32 = 50;
-
-/// Where a subject's attributes have what an index said of each trial.
-const TRIAL_COLUMNS: &str = "trial_columns";
 
 /// Which trials, and which analyses of them.
 #[derive(Debug, Clone, IntoParams)]

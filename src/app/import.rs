@@ -1,5 +1,6 @@
 //! `volition import DIR`: a folder of trials into a study, with the same checks as an upload; or a bundle as it is.
 
+mod archive;
 pub mod index;
 pub mod load;
 pub mod plant_text;
@@ -7,7 +8,9 @@ pub mod plant_text;
 use super::bundle::take_in::{self, TakeIn, take_in};
 use super::recordings::ReadingArgs;
 use crate::control::Model;
-use crate::store::Store;
+use crate::exchange::tables::study::TRIAL_COLUMNS;
+use crate::exchange::{Options, Saved, options};
+use crate::store::{Store, Study, StudyPatch, StudyReading};
 use anyhow::Context as _;
 use clap::Args;
 use index::{Condition, Index};
@@ -25,7 +28,7 @@ const REFUSED: u8 = 2;
 pub struct ImportArgs {
     /// Folder with recordings (tables as text or JSON, packed with gzip or not) and an index: index.csv with the
     /// columns file, subject, trial and optionally group, session, plant, display_limit, or index.json or truth.json,
-    /// an array of objects with these members, and plant_num and plant_den for the plant. Or a file that `volition
+    /// an array of objects with these members, and plant_num and plant_den for the plant; or a zip of one. Or a file that `volition
     /// export` wrote: a study, which is taken in under its own ids.
     pub folder: PathBuf,
     /// Name of the study that a folder is imported into; made if there is none.
@@ -52,7 +55,10 @@ pub struct ImportArgs {
     /// id is given.
     #[arg(long, value_name = "ANALYSIS", num_args = 0..=1)]
     pub recompute: Option<Option<String>>,
-    /// What the files do not say themselves.
+    /// Keep --columns, --time-unit, --sample-time and --resample with the study, for later imports and uploads.
+    #[arg(long)]
+    pub remember: bool,
+    /// What the files do not say themselves; without it, what was kept with the study.
     #[command(flatten)]
     pub reading: ReadingArgs,
 }
@@ -75,7 +81,10 @@ pub async fn import(args: &ImportArgs) -> anyhow::Result<ExitCode> {
     if args.recompute.is_some() {
         anyhow::bail!("--recompute is for an exported study, and {} is none", args.folder.display());
     }
-    let index = index::read(&args.folder, args.index.as_deref(), &args.conditions)?;
+    // Gone at the end of the import.
+    let unpacked = archive::unpack(&args.folder)?;
+    let folder = unpacked.as_ref().map_or(&*args.folder, |own| &own.folder);
+    let index = index::read(folder, args.index.as_deref(), &args.conditions)?;
     let plants = plant_options(&args.plants)?;
     let limit = match args.display_limit {
         Some(limit) if limit.is_finite() && limit > 0.0 => Some(limit),
@@ -85,14 +94,33 @@ pub async fn import(args: &ImportArgs) -> anyhow::Result<ExitCode> {
     let store = Store::open(Some(&args.database)).await?;
     let study = load::find_or_create_study(&store, study, limit).await?;
     let bar = progress_bar("imported");
-    let options = args.reading.options();
-    let outcome = load::load(&store, &study, &args.folder, &index, &plants, &options, &bar).await;
+    let study = if args.remember { remember(&store, study, &args.reading).await? } else { study };
+    let options = Options { saved: saved_of(&study.reading)?, ..args.reading.options() };
+    let outcome = load::load(&store, &study, folder, &index, &plants, &options, &bar).await;
     bar.finish_and_clear();
     store.close().await;
     let outcome = outcome?;
     let head = format!("study {:?} ({}) in {}", study.name, study.id, args.database.display());
     print(&mut std::io::stdout().lock(), &head, &index, &outcome)?;
     Ok(if outcome.refused.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(REFUSED) })
+}
+
+/// Keeps with the study what was said of its files.
+async fn remember(store: &Store, study: Study, said: &ReadingArgs) -> anyhow::Result<Study> {
+    let reading = StudyReading {
+        columns: said.columns.as_ref().map(options::written),
+        time_unit: said.time_unit.map(|unit| unit.name().to_owned()),
+        sample_time_s: said.sample_time,
+        resample: said.resample.map(|_| "linear".to_owned()),
+    };
+    let patch = StudyPatch { reading: Some(reading), ..StudyPatch::default() };
+    Ok(store.change::<Study>(study.id, patch, Some(study.version)).await?)
+}
+
+fn saved_of(reading: &StudyReading) -> anyhow::Result<Saved> {
+    let StudyReading { columns, time_unit, sample_time_s, resample } = reading;
+    Saved::parse(columns.as_deref(), time_unit.as_deref(), *sample_time_s, resample.as_deref())
+        .map_err(|(member, why)| anyhow::anyhow!("what is kept with the study, {member}: {why}"))
 }
 
 /// A bar on standard error; nothing where that is no terminal.
@@ -155,7 +183,7 @@ fn print(out: &mut impl Write, head: &str, index: &Index, outcome: &Outcome) -> 
     }
     if !index.extra_columns.is_empty() {
         let columns = index.extra_columns.join(", ");
-        writeln!(out, "  kept in the subjects' attributes, under {}: {columns}", load::TRIAL_COLUMNS)?;
+        writeln!(out, "  kept in the subjects' attributes, under {}: {columns}", TRIAL_COLUMNS)?;
     }
     for note in notes {
         writeln!(out, "  note: {note}")?;

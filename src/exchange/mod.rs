@@ -40,7 +40,7 @@ use crate::trial::json;
 use archive::Archive;
 use format::Format;
 use matlab::Level;
-pub use options::{Options, Resampling, TimeUnit};
+pub use options::{Options, Resampling, Saved, TimeUnit};
 pub use reading::Reading;
 use source::Source;
 pub use understood::{Understood, UnderstoodColumn};
@@ -75,7 +75,12 @@ fn read_from(source: &Source<'_>, options: &Options) -> Result<Reading, Problem>
     options.check()?;
     let head = source.head(options.limits.max_bytes)?;
     let max_bytes = options.limits.max_bytes;
-    match Format::of(&head.bytes)? {
+    let format = Format::of(&head.bytes)?;
+    if matches!(format, Format::Json) {
+        return document(source, options);
+    }
+    let options = &options.completed();
+    match format {
         Format::Json => document(source, options),
         Format::Text => text::read(source, &head, options),
         Format::Numpy => {

@@ -142,3 +142,49 @@ async fn recordings_are_a_folder_of_motion_bids() {
     validate(&target);
     server.finish().await;
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_archive_of_a_folder_is_imported_and_what_was_said_of_it_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let rows = |scale: f64| {
+        let mut text = String::from("Clock,Target,Stick,Cursor\n");
+        for i in 0..80 {
+            let x = scale * (f64::from(i) * 0.3).sin();
+            text.push_str(&format!("{},{x},{},{}\n", 20 * i, 0.5 * x, 0.1 * x));
+        }
+        text.into_bytes()
+    };
+    let index = b"file,subject,trial\ndata/a.csv,s01,1\ndata/b.csv,s01,2\n".to_vec();
+    let zip = |files: Vec<(&str, Vec<u8>)>| {
+        volition::exchange::write::zip::write(files.into_iter().map(|(name, bytes)| (name.to_owned(), bytes)).collect())
+    };
+    let file = folder.path().join("lab.zip");
+    let files = vec![("lab/index.csv", index.clone()), ("lab/data/a.csv", rows(1.0)), ("lab/data/b.csv", rows(2.0))];
+    std::fs::write(&file, zip(files)).unwrap();
+    let database = folder.path().join("lab.db");
+    let mapping = ["--columns", "t:Clock,r:Target,u:Stick,y:Cursor", "--time-unit", "ms", "--remember"];
+    let study = ["--study", "lab", "--plant", "1/(s+1)"];
+    let said: Vec<&str> = study.iter().chain(&mapping).copied().collect();
+    assert_eq!(imported(&file, &database, &said).await, code(0));
+    // Nothing is said the second time: it was kept.
+    std::fs::write(
+        &file,
+        zip(vec![("index.csv", b"file,subject,trial\nc.csv,s02,1\n".to_vec()), ("c.csv", rows(3.0))]),
+    )
+    .unwrap();
+    assert_eq!(imported(&file, &database, &study).await, code(0));
+    let store = Store::open(Some(&database)).await.unwrap();
+    let page = volition::store::Page { after: None, limit: 10 };
+    let kept = store.studies(page).await.unwrap().remove(0);
+    assert_eq!(kept.reading.columns.as_deref(), Some("t:Clock,r:Target,u:Stick,y:Cursor"));
+    let trials = store.matching_trials(kept.id, &volition::store::TrialFilter::default()).await.unwrap();
+    assert_eq!(trials.len(), 3);
+    assert!(trials.iter().all(|trial| (trial.sample_time_s - 0.02).abs() < 1e-12), "{trials:?}");
+    store.close().await;
+    // Out of the folder is out of the question.
+    std::fs::write(&file, zip(vec![("../index.csv", index)])).unwrap();
+    let (path, database) = (file.display().to_string(), database.display().to_string());
+    let line = ["import", &path, "--database", &database, "--study", "lab"];
+    let refused = import(&Import::try_parse_from(line).unwrap().args).await.unwrap_err();
+    assert!(refused.to_string().contains("outside"), "{refused}");
+}

@@ -69,7 +69,7 @@ pub async fn export(args: &ExportArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// In words, with the place and the way on.
-pub(super) fn said(problem: Problem) -> anyhow::Error {
+pub(crate) fn said(problem: Problem) -> anyhow::Error {
     let place = problem.location.map_or_else(String::new, |place| format!("{place}: "));
     let mend = problem.mend.map_or_else(String::new, |mend| format!(". {mend}"));
     anyhow::anyhow!("{place}{}: {}{mend}", problem.title, problem.detail)

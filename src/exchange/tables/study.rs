@@ -24,6 +24,10 @@ const COLUMNS: &[&str] = &[
     "divergent",
 ];
 
+/// The member of a subject's attributes that has what an index said of each trial: an object by `NUMBER`, or by
+/// `SESSION/NUMBER`.
+pub const TRIAL_COLUMNS: &str = "trial_columns";
+
 /// A trial, as a row begins.
 #[derive(Debug, Clone)]
 pub struct TrialFacts<'a> {

@@ -25,6 +25,6 @@ mod ssid;
 mod studies;
 mod subjects;
 mod trials;
-mod trust;
+pub mod trust;
 mod two_stimulus;
 mod uploads;
