@@ -77,6 +77,11 @@ enum Command {
     ///
     /// Exits with 0, or 2 for a request that makes no sense.
     Compare(app::compare::CompareArgs),
+    /// Write a study as one tidy table (a row for each trial and analysis), or its learning curves, frequency responses
+    /// or comparison as tables.
+    ///
+    /// Exits with 0, or 2 for a request that makes no sense.
+    Table(app::table::TableArgs),
     /// Draw the figures of a study: the learning curve of every quantity, as files.
     ///
     /// Exits with 0, or 2 for a request that makes no sense.
@@ -86,7 +91,11 @@ enum Command {
     ///
     /// Exits with 0, or 2 for a file that is refused.
     Check(app::check::CheckArgs),
-    /// Import a folder of recordings with an index.
+    /// Write a study into one file with the hash of everything in it, or its recordings as a folder of Motion-BIDS.
+    Export(app::bundle::ExportArgs),
+    /// Import a folder of recordings with an index, or a study that was exported.
+    ///
+    /// Exits with 0, or 2 where something was refused.
     Import(app::import::ImportArgs),
     /// Execute one analysis from a file, without a server: a summary at a terminal, the report as JSON in a pipe,
     /// problems on standard error.
@@ -154,8 +163,10 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         }
         Command::Demo(args) => app::block_on(app::demo::demo(&args)),
         Command::Compare(args) => app::block_on(app::compare::compare(&args)),
+        Command::Table(args) => app::block_on(app::table::table(&args)),
         Command::Figures(args) => app::block_on(app::figures::figures(&args)),
         Command::Check(args) => app::check::check(&args),
+        Command::Export(args) => app::block_on(app::bundle::export(&args)),
         Command::Import(args) => app::block_on(app::import::import(&args)),
         Command::Run(args) => app::run::run(&args),
         Command::Completions { shell } => {

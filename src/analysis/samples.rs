@@ -7,18 +7,25 @@ use super::report::Report;
 use crate::excite::sequence::write;
 use serde_json::Value;
 
+/// The samples of a report, the signal first.
+///
+/// # Errors
+/// `not_found` where the report carries no samples.
+pub fn of(report: &Report) -> Result<Samples, Problem> {
+    registry::samples(report).filter(|samples| !samples.columns.is_empty()).ok_or_else(|| {
+        Problem::new(Code::NotFound, "no samples", "this result carries no samples").mend(
+            "Ask for an excitation_quality with \"include_samples\": true, an input_design, a robust_input_design or a \
+             simulate.",
+        )
+    })
+}
+
 /// The samples of a report as CSV with a time column, the signal first.
 ///
 /// # Errors
 /// `not_found` where the report carries no samples.
 pub fn csv(report: &Report) -> Result<String, Problem> {
-    let Samples { sample_time_s, columns } =
-        registry::samples(report).filter(|samples| !samples.columns.is_empty()).ok_or_else(|| {
-            Problem::new(Code::NotFound, "no samples", "this result carries no samples").mend(
-                "Ask for an excitation_quality with \"include_samples\": true, an input_design or a \
-                 robust_input_design.",
-            )
-        })?;
+    let Samples { sample_time_s, columns } = of(report)?;
     let columns: Vec<(&str, &[f64])> =
         columns.iter().map(|(name, values)| (name.as_str(), values.as_slice())).collect();
     let mut text = Vec::new();

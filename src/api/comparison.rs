@@ -1,7 +1,8 @@
 //! The comparison of a study's groups.
 
-use super::etag::{self, IfNoneMatch};
+use super::etag::IfNoneMatch;
 use super::extract::{FromQuery, Id, Params, QueryText, off_thread};
+use super::forms::{self, AcceptForm, FormQuery};
 use super::learning_inputs::{CurveQuery, Gathered, estimator, gather, spec_sha256};
 use super::problem::ApiResult;
 use super::state::AppState;
@@ -9,6 +10,7 @@ use super::studies::StudyPath;
 use crate::analysis::ids::{PlantId, StudyId, TrialId};
 use crate::analysis::{Code, Problem};
 use crate::control::Model;
+use crate::exchange::tables::comparison as tables;
 use crate::learning::comparison::multiple::Correction;
 use crate::learning::comparison::people::{Contrast, CurveForm};
 use crate::learning::comparison::study::{NoComparison, first_and_last_trials};
@@ -189,15 +191,18 @@ impl ComparisonQuery {
 /// and other assumptions beside them. Divergent trials and the first control of a trial are counted by people.
 /// `findings` says in sentences what was found, and what so many people can and cannot show.
 #[utoipa::path(get, path = "/v1/studies/{study}/comparison", tag = "learning",
-    operation_id = "read_study_comparison", params(StudyPath, ComparisonQuery, IfNoneMatch),
-    responses((status = 200, description = "The comparison.", body = StudyComparison),
+    operation_id = "read_study_comparison", params(StudyPath, ComparisonQuery, FormQuery, AcceptForm, IfNoneMatch),
+    responses((status = 200, description = "The comparison; as a table with a row for each mean of a group, each \
+            person's value and each difference, by metric and contrast.",
+            content((StudyComparison = "application/json"), (String = "text/csv"), (String = "application/x-ndjson"))),
         (status = 422, description = "There are too many pairs of groups.")))]
 pub(crate) async fn of_study(
     State(state): State<AppState>,
     Id(id): Id<StudyId>,
-    Params(query): Params<ComparisonQuery>,
+    Params((query, form)): Params<(ComparisonQuery, FormQuery)>,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
+    let form = form.choose(&headers, forms::DOCUMENT)?;
     state.store.study(id).await?;
     let options = query.options();
     let mut gathered = gather(&state, id, None, None, &query.trials()).await?;
@@ -205,7 +210,7 @@ pub(crate) async fn of_study(
     let Gathered { subjects, mut remarks } = gathered;
     let mut comparison = off_thread(move || compare(&subjects, &options)).await?.map_err(problem)?;
     comparison.remarks.append(&mut remarks);
-    etag::conditional(&headers, &comparison)
+    forms::document(&headers, form, "comparison", &comparison, tables::of_study)
 }
 
 fn problem(why: NoComparison) -> Problem {

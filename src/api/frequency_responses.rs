@@ -1,7 +1,8 @@
 //! Mean and standard deviation of identified controllers over subjects.
 
-use super::etag::{self, IfNoneMatch};
+use super::etag::IfNoneMatch;
 use super::extract::{FromQuery, Id, Params, QueryText, off_thread};
+use super::forms::{self, AcceptForm, FormQuery};
 use super::learning_curves::GroupQuery;
 use super::learning_inputs::{CurveQuery, gather};
 use super::problem::ApiResult;
@@ -9,6 +10,7 @@ use super::state::AppState;
 use super::studies::StudyPath;
 use crate::analysis::ids::StudyId;
 use crate::analysis::{Code, Problem};
+use crate::exchange::tables::responses as tables;
 use crate::learning::bode::{frequency_grid, identified_band};
 use crate::learning::{StudyFrequencyResponses, SubjectInput, TrialSelection, study_frequency_responses};
 use axum::extract::State;
@@ -96,23 +98,29 @@ pub(super) fn grid(
     }
 }
 
+/// Which trials of which people, their controllers at which frequencies, and the form of the answer.
+type Asked = (GroupQuery, (CurveQuery, (ResponseQuery, FormQuery)));
+
 /// Mean and standard deviation over each group's subjects of the identified feedforward, feedback, feedforward times
 /// plant and closed loop, frequency by frequency, with trimmed versions, beside those of the plant and its inverse.
 #[utoipa::path(get, path = "/v1/studies/{study}/frequency-responses", tag = "learning",
     operation_id = "read_study_frequency_responses",
-    params(StudyPath, GroupQuery, CurveQuery, ResponseQuery, IfNoneMatch),
+    params(StudyPath, GroupQuery, CurveQuery, ResponseQuery, FormQuery, AcceptForm, IfNoneMatch),
     responses((status = 200,
-        description = "The responses; without frequencies where nothing is identified yet and none are asked for.",
-        body = StudyFrequencyResponses),
+        description = "The responses; without frequencies where nothing is identified yet and none are asked for. As a \
+            table with a row for each group, part of the loop and frequency.",
+        content((StudyFrequencyResponses = "application/json"), (String = "text/csv"),
+            (String = "application/x-ndjson"))),
         (status = 422, description = "The frequencies asked for make no grid, or joint estimates are not of \
             prediction_error.")))]
 pub(crate) async fn of_study(
     State(state): State<AppState>,
     Id(id): Id<StudyId>,
-    Params(params): Params<(GroupQuery, (CurveQuery, ResponseQuery))>,
+    Params(params): Params<Asked>,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
-    let (GroupQuery { group }, (query, response)) = params;
+    let (GroupQuery { group }, (query, (response, form))) = params;
+    let form = form.choose(&headers, forms::DOCUMENT)?;
     state.store.study(id).await?;
     let mut gathered = gather(&state, id, None, group, &query).await?;
     let (subjects, options) = (gathered.subjects, query.options());
@@ -121,5 +129,5 @@ pub(crate) async fn of_study(
     let answer = move || study_frequency_responses(&subjects, trial, &omega, &options, each_subject);
     let mut responses = off_thread(answer).await?;
     responses.remarks.append(&mut gathered.remarks);
-    etag::conditional(&headers, &responses)
+    forms::document(&headers, form, "frequency-responses", &responses, tables::of_study)
 }

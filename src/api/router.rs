@@ -8,7 +8,8 @@ use super::problem::{HttpProblem, PROBLEM_JSON};
 use super::state::AppState;
 use super::{
     analyses, comparison, docs, events, figures, frequency_responses, index, kinds, learning_curves, median_subjects,
-    ops, plants, samples, schema, signals, studies, study_analyses, subjects, trial_lists, trials, trust, upload,
+    models, ops, plants, samples, schema, signals, studies, study_analyses, study_table, subjects, trial_lists, trials,
+    trust, upload,
 };
 use axum::Router;
 use axum::middleware::from_fn_with_state;
@@ -66,12 +67,14 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(analyses::read, analyses::delete))
         .routes(routes!(analyses::report))
         .routes(routes!(samples::read))
+        .routes(routes!(models::read))
         .routes(routes!(analyses::cancel))
         .routes(routes!(events::follow))
         .routes(routes!(trust::read_rule))
         .routes(routes!(trust::of_analysis))
         .routes(routes!(trust::of_trial))
         .routes(routes!(trust::of_study))
+        .routes(routes!(study_table::read))
         .routes(routes!(learning_curves::of_subject))
         .routes(routes!(learning_curves::of_study))
         .routes(routes!(comparison::of_study))
@@ -113,9 +116,7 @@ pub(crate) fn router_with(beside: Router<AppState>, state: AppState) -> Router {
         .fallback(index::elsewhere);
     // With no origin named, nobody's browser is told anything.
     let router = if state.origins.is_empty() { router } else { router.layer(cross_origin(&state.origins)) };
-    router
-        .layer(from_fn_with_state(state.clone(), guard))
-        .with_state(state)
+    router.layer(from_fn_with_state(state.clone(), guard)).with_state(state)
 }
 
 /// The OpenAPI document: the operations as the routes say, the schemas as [`schema`] says.

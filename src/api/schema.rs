@@ -20,6 +20,7 @@ use super::trust::{AnalysisTrust, TrialTrust};
 use super::upload::{UploadForm, Uploaded};
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Kind, Report, Request};
+use crate::exchange::models::ModelExport;
 use crate::figure::Figure;
 use crate::jobs::Status;
 use crate::learning::median_subject::StudyMedianSubjects;
@@ -98,6 +99,7 @@ bodies! {
         HttpProblem,
         IndexView,
         KindList,
+        ModelExport,
         PlantView,
         Report,
         SignalsDocument,

@@ -1,20 +1,23 @@
 //! A trial's recording, bit for bit as it was uploaded.
 
 use super::etag::{ETag, IfNoneMatch, is_known, not_modified};
-use super::named::Named;
-use super::negotiate::{not_acceptable, preferred};
-use super::problem::{ApiResult, RequestCode};
-use super::trials::{TrialPath, TrialView};
-use crate::analysis::Problem;
-use crate::trial::{Trial, write};
+use super::extract::{Id, Params};
+use super::forms::{AcceptForm, Form, FormQuery};
+use super::problem::ApiResult;
+use super::sequences::{self, WaveQuery};
+use super::state::AppState;
+use super::trials::TrialPath;
+use crate::analysis::ids::TrialId;
+use crate::exchange::write::Sequence;
+use crate::trial::{Channel, Trial, write};
 use axum::body::{Body, Bytes};
+use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::{self, BufWriter, Write};
 use tokio::sync::mpsc;
-use utoipa::IntoParams;
 
 /// Bytes written at once.
 const CHUNK: usize = 64 << 10;
@@ -46,61 +49,47 @@ pub(crate) struct SignalsDocument {
     d: Option<Vec<f64>>,
 }
 
-/// How signals are written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Format {
-    Csv,
-    Json,
-}
-
-/// Header that chooses between CSV and JSON.
-#[derive(Debug, IntoParams)]
-#[into_params(parameter_in = Header)]
-#[allow(dead_code, reason = "documents a header that is read from the header map")]
-pub(crate) struct AcceptSignals {
-    /// `text/csv` (the default) or `application/json`, with quality values as in RFC 9110.
-    #[param(rename = "Accept", required = false, nullable = false, value_type = Option<String>, example = "text/csv")]
-    accept: Option<String>,
-}
-
-/// What a recording can be written as, the default first.
-const OFFERED: [&str; 2] = ["text/csv", "application/json"];
-
-/// The format that the client likes best.
-fn negotiate(headers: &HeaderMap) -> Result<Format, Problem<RequestCode>> {
-    match preferred(headers, &OFFERED) {
-        Some("application/json") => Ok(Format::Json),
-        Some(_) => Ok(Format::Csv),
-        None => Err(not_acceptable(headers, &OFFERED)),
-    }
-}
+/// The forms of a recording.
+const FORMS: &[Form] = &[Form::Csv, Form::Json, Form::Mat, Form::Npz, Form::Wav];
 
 /// Downloads the recording, bit for bit as uploaded: every number reads back as the same double.
+///
+/// CSV, JSON, MATLAB and NumPy have every recorded column. Sound has one, the command unless another is named, in single
+/// precision, divided by what a sample of 1 stands for, which is said in the file and in Volition-Full-Scale.
 #[utoipa::path(get, path = "/v1/trials/{trial}/signals", tag = "trials", operation_id = "read_signals",
-    params(TrialPath, AcceptSignals, IfNoneMatch),
+    params(TrialPath, FormQuery, WaveQuery, AcceptForm, IfNoneMatch),
     responses(
         (status = 200,
             description = "The recorded columns. As CSV, the header Volition-Sample-Time-S carries the sample time.",
             content(
                 (String = "text/csv", example = "t,r,u,y\r\n0.0,0.0,0.0,0.0\r\n"),
-                (SignalsDocument = "application/json"))),
-        (status = 406, description = "Neither text/csv nor application/json is acceptable.")))]
-pub(crate) async fn read(Named { state, id, headers }: Named<TrialView>) -> ApiResult<Response> {
-    let format = negotiate(&headers)?;
+                (SignalsDocument = "application/json"), (String = "application/x-matlab-data"),
+                (String = "application/x-npz"), (String = "audio/wav"))),
+        (status = 406, description = "None of the forms is acceptable."),
+        (status = 422, description = "The recording is no sound: no such column, a rate that is no whole number, or a \
+            sample above full scale.")))]
+pub(crate) async fn read(
+    State(state): State<AppState>,
+    Id(id): Id<TrialId>,
+    Params((form, wave)): Params<(FormQuery, WaveQuery)>,
+    headers: HeaderMap,
+) -> ApiResult<Response> {
+    let form = form.choose(&headers, FORMS)?;
     let record = state.store.trial(id).await?;
-    let (suffix, media) = match format {
-        Format::Csv => ("csv", "text/csv; charset=utf-8; header=present"),
-        Format::Json => ("json", "application/json"),
-    };
+    if !matches!(form, Form::Csv | Form::Json) {
+        let trial = state.store.trial_signals(id).await?;
+        let wave = wave.or_column(Channel::Command.letter());
+        return sequences::answer(&headers, form, &id.to_string(), Sequence::of_trial(&trial), wave).await;
+    }
     // The recording never changes, and these bytes are a function of it.
-    let tag = ETag::of_name(&format!("{}-{suffix}", &record.sha256));
+    let tag = ETag::of_name(&format!("{}-{}", &record.sha256, form.name()));
     if is_known(&headers, &tag) {
         return Ok(not_modified(&tag));
     }
     let trial = state.store.trial_signals(id).await?;
-    let name = format!("attachment; filename=\"{id}.{suffix}\"");
+    let name = format!("attachment; filename=\"{id}.{}\"", form.name());
     let response_headers = [
-        (header::CONTENT_TYPE, HeaderValue::from_static(media)),
+        (header::CONTENT_TYPE, HeaderValue::from_static(form.media_type())),
         (header::ETAG, tag.value()),
         (header::CACHE_CONTROL, super::etag::NO_CACHE),
         (header::VARY, HeaderValue::from_static("accept")),
@@ -110,17 +99,17 @@ pub(crate) async fn read(Named { state, id, headers }: Named<TrialView>) -> ApiR
         ),
         (header::CONTENT_DISPOSITION, HeaderValue::from_str(&name).unwrap_or(HeaderValue::from_static("attachment"))),
     ];
-    Ok((response_headers, stream(trial, format)).into_response())
+    Ok((response_headers, stream(trial, form)).into_response())
 }
 
 /// The text, written on a blocking thread as fast as the client takes it.
-fn stream(trial: Trial, format: Format) -> Body {
+fn stream(trial: Trial, form: Form) -> Body {
     let (sender, mut receiver) = mpsc::channel::<io::Result<Bytes>>(CHUNKS_AHEAD);
     tokio::task::spawn_blocking(move || {
         let mut out = BufWriter::with_capacity(CHUNK, Sender(sender));
-        let written = match format {
-            Format::Csv => write::csv(&trial, &mut out),
-            Format::Json => write::json(&trial, &mut out),
+        let written = match form {
+            Form::Json => write::json(&trial, &mut out),
+            _ => write::csv(&trial, &mut out),
         };
         // The only error is that the client went away.
         let _ = written.and_then(|()| out.flush());

@@ -10,7 +10,9 @@ use super::problem::ApiResult;
 use super::state::AppState;
 use super::timestamp::Timestamp;
 use crate::analysis::ids::StudyId;
-use crate::store::{NewStudy, Study, StudyPatch};
+use crate::analysis::{Code, Problem};
+use crate::exchange::Saved;
+use crate::store::{NewStudy, Study, StudyPatch, StudyReading};
 use axum::extract::State;
 use axum::response::Response;
 use schemars::JsonSchema;
@@ -30,6 +32,8 @@ pub(crate) struct StudyView {
     description: String,
     /// A trial whose |y| passes this is divergent; null where there is no limit.
     display_limit: Option<f64>,
+    /// What its files do not say themselves, taken for every upload that says nothing else.
+    reading: StudyReading,
     /// Counts changes, from 1.
     version: i64,
     /// When it was made, UTC.
@@ -51,8 +55,8 @@ impl View for StudyView {
 
 impl From<Study> for StudyView {
     fn from(study: Study) -> Self {
-        let Study { id, name, description, display_limit, version, created_at, updated_at } = study;
-        Self { id, name, description, display_limit, version, created_at, updated_at }
+        let Study { id, name, description, display_limit, reading, version, created_at, updated_at } = study;
+        Self { id, name, description, display_limit, reading, version, created_at, updated_at }
     }
 }
 
@@ -91,6 +95,26 @@ pub(crate) struct StudyPatchBody {
     #[serde(default, deserialize_with = "present")]
     #[schemars(with = "Option<f64>", extend("exclusiveMinimum" = 0))]
     display_limit: Option<Option<f64>>,
+    /// What its files do not say themselves, in place of what was kept: said once, it is taken for every upload that
+    /// says nothing else. Trials as JSON say themselves what they hold.
+    #[serde(default, deserialize_with = "present")]
+    #[schemars(with = "Option<StudyReading>", example = serde_json::json!({"columns": "r:Target,u:Stick,y:Cursor"}))]
+    reading: Option<StudyReading>,
+}
+
+/// What is kept of a study's files, as the reader takes it.
+///
+/// # Errors
+/// `invalid`, where a member cannot be read.
+pub(super) fn saved_of(reading: &StudyReading) -> Result<Saved, Problem> {
+    let StudyReading { columns, time_unit, sample_time_s, resample } = reading;
+    Saved::parse(columns.as_deref(), time_unit.as_deref(), *sample_time_s, resample.as_deref()).map_err(
+        |(member, why)| {
+            Problem::new(Code::Invalid, "unreadable", why).at(format!("/reading/{member}")).mend(
+                "Write it as an upload takes it, such as {\"columns\": \"r:Target,y:Cursor\", \"time_unit\": \"ms\"}.",
+            )
+        },
+    )
 }
 
 /// Names a study in the path.
@@ -158,7 +182,11 @@ pub(crate) async fn patch(
             Some(Some(limit)) => Some(Some(checks::display_limit(limit, "/display_limit")?)),
             other => other,
         },
+        reading: body.reading,
     };
+    if let Some(reading) = &patch.reading {
+        saved_of(reading)?;
+    }
     study.change(patch).await
 }
 

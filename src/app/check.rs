@@ -3,7 +3,7 @@
 use super::import::model;
 use super::recordings::{self, ReadingArgs};
 use crate::analysis::{Problem, Warning};
-use crate::exchange::{Reading, TimeUnit, Understood};
+use crate::exchange::{Reading, TimeUnit, Understood, options};
 use crate::learning::recording::{doubts, explained_output};
 use crate::trial::{Channel, Trial};
 use clap::Args;
@@ -151,8 +151,7 @@ fn import(args: &CheckArgs) -> Vec<String> {
         format!("volition import {} --study STUDY --plant {}", quoted(&folder.display().to_string()), quoted(plant));
     let ReadingArgs { columns, time_unit, sample_time, resample } = &args.reading;
     if let Some(columns) = columns {
-        let pairs = Channel::ALL.into_iter().filter_map(|c| Some(format!("{}:{}", c.letter(), columns.name(c)?)));
-        import.push_str(&format!(" --columns {}", quoted(&pairs.collect::<Vec<_>>().join(","))));
+        import.push_str(&format!(" --columns {}", quoted(&options::written(columns))));
     }
     if let Some(unit) = time_unit {
         import.push_str(&format!(" --time-unit {}", unit.name()));

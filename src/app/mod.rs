@@ -1,6 +1,7 @@
 //! What the commands do: the parts put together.
 
 pub mod backup;
+pub mod bundle;
 pub mod check;
 pub mod compare;
 pub mod demo;
@@ -11,6 +12,7 @@ pub mod manual;
 pub mod recordings;
 pub mod run;
 pub mod serve;
+pub mod table;
 
 use crate::api::{AppState, router};
 use crate::store::{Page, Store};

@@ -8,31 +8,39 @@
 //! the reason, and the words that would settle it. [`text`] has the tables, [`matlab`] files of variables
 //! and [`variables`] what is taken from them, [`names`] says which column is which
 //! signal, [`time`] brings times to seconds and, when asked, to a uniform grid.
+//!
+//! The way out is simpler: [`tables`] has what a study says as tidy tables, [`models`] what a report found as other
+//! programs compute with it, [`write`] the formats of files,
+//! [`bundle`] a whole study in one archive.
 
 pub mod archive;
 pub mod bids;
+pub mod bundle;
 mod excel;
 mod format;
 #[cfg(feature = "hdf5")]
 mod hdf5;
 pub mod matlab;
+pub mod models;
 pub mod names;
 mod numbers;
 mod numpy;
 pub mod options;
 mod reading;
 mod source;
+pub mod tables;
 pub mod text;
 pub mod time;
 pub mod understood;
 pub mod variables;
+pub mod write;
 
 use crate::analysis::{Code, Problem};
 use crate::trial::json;
 use archive::Archive;
 use format::Format;
 use matlab::Level;
-pub use options::{Options, Resampling, TimeUnit};
+pub use options::{Options, Resampling, Saved, TimeUnit};
 pub use reading::Reading;
 use source::Source;
 pub use understood::{Understood, UnderstoodColumn};
@@ -67,7 +75,12 @@ fn read_from(source: &Source<'_>, options: &Options) -> Result<Reading, Problem>
     options.check()?;
     let head = source.head(options.limits.max_bytes)?;
     let max_bytes = options.limits.max_bytes;
-    match Format::of(&head.bytes)? {
+    let format = Format::of(&head.bytes)?;
+    if matches!(format, Format::Json) {
+        return document(source, options);
+    }
+    let options = &options.completed();
+    match format {
         Format::Json => document(source, options),
         Format::Text => text::read(source, &head, options),
         Format::Numpy => {

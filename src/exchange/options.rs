@@ -98,6 +98,42 @@ impl FromStr for Resampling {
     }
 }
 
+/// What was said once of all files of a study.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Saved {
+    /// Which column is which signal.
+    pub columns: ColumnMapping,
+    /// What time columns count.
+    pub time_unit: Option<TimeUnit>,
+    /// Time between samples in seconds.
+    pub sample_time_s: Option<f64>,
+    /// How uneven times are brought to a uniform grid.
+    pub resample: Option<Resampling>,
+}
+
+impl Saved {
+    /// From what people write; a column mapping as pairs `signal:column`.
+    ///
+    /// # Errors
+    /// The member that cannot be read, and why.
+    pub fn parse(
+        columns: Option<&str>,
+        time_unit: Option<&str>,
+        sample_time_s: Option<f64>,
+        resample: Option<&str>,
+    ) -> Result<Self, (&'static str, String)> {
+        if let Some(bad) = sample_time_s.filter(|value| !(value.is_normal() && *value > 0.0)) {
+            return Err(("sample_time_s", format!("the sample time is {bad} s, and must be positive")));
+        }
+        Ok(Self {
+            columns: columns.map(self::columns).transpose().map_err(|why| ("columns", why))?.unwrap_or_default(),
+            time_unit: time_unit.map(str::parse).transpose().map_err(|why| ("time_unit", why))?,
+            sample_time_s,
+            resample: resample.map(str::parse).transpose().map_err(|why| ("resample", why))?,
+        })
+    }
+}
+
 /// What the person who has the file says of it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Options {
@@ -111,6 +147,8 @@ pub struct Options {
     pub resample: Option<Resampling>,
     /// What stands beside the file.
     pub sidecar: Option<Sidecar>,
+    /// What was said once of all files of a study: taken where nothing is said of this one, and not by documents.
+    pub saved: Saved,
     /// How much is read.
     pub limits: Limits,
 }
@@ -126,6 +164,20 @@ impl Options {
             .at("sample_time_s")
             .mend("Give the time between samples in seconds.")),
             None => Ok(()),
+        }
+    }
+
+    /// With what was said of all files of the study, where nothing is said of this one. Columns go together.
+    pub(super) fn completed(&self) -> Self {
+        let Saved { columns, time_unit, sample_time_s, resample } = &self.saved;
+        let own = self.columns != ColumnMapping::default();
+        Self {
+            columns: if own { self.columns.clone() } else { columns.clone() },
+            time_unit: self.time_unit.or(*time_unit),
+            sample_time_s: self.sample_time_s.or(*sample_time_s),
+            resample: self.resample.or(*resample),
+            saved: Saved::default(),
+            ..self.clone()
         }
     }
 
@@ -147,6 +199,13 @@ impl Options {
             None => Ok(()),
         }
     }
+}
+
+/// A mapping as [`columns`] reads it.
+#[must_use]
+pub fn written(mapping: &ColumnMapping) -> String {
+    let pairs = Channel::ALL.into_iter().filter_map(|c| Some(format!("{}:{}", c.letter(), mapping.name(c)?)));
+    pairs.collect::<Vec<_>>().join(",")
 }
 
 /// Reads pairs `signal:column` separated by commas, with `t`, `r`, `u`, `y`, `d` or the signals' words.

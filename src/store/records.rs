@@ -1,5 +1,6 @@
 //! What the store takes and gives, in the words of the domain.
 
+use super::reading::StudyReading;
 use super::units::{SignalUnits, UnitsChange};
 use super::used::UsedTrials;
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
@@ -71,6 +72,8 @@ pub struct Study {
     pub description: String,
     /// A trial whose |y| passes this is divergent.
     pub display_limit: Option<f64>,
+    /// What its files do not say themselves.
+    pub reading: StudyReading,
     /// Counts changes, from 1; the ETag.
     pub version: i64,
     /// When it was made.
@@ -109,6 +112,8 @@ pub struct StudyPatch {
     pub description: Option<String>,
     /// A new display limit, or none at all.
     pub display_limit: Option<Option<f64>>,
+    /// What its files do not say themselves, in place of what was kept.
+    pub reading: Option<StudyReading>,
 }
 
 /// A plant as asked for; its model has been checked.

@@ -5,7 +5,7 @@ use super::lists::Filter;
 use super::nouns::{Change, Make, Noun};
 use super::open::Store;
 use super::records::{Created, IdempotencyKey, NewStudy, Page, Study, StudyPatch};
-use super::rows::{get, parsed, time};
+use super::rows::{get, json, parsed, time, to_json};
 use crate::analysis::ids::StudyId;
 use sqlx::SqliteConnection;
 use sqlx::sqlite::SqliteRow;
@@ -23,6 +23,7 @@ impl Noun for Study {
             name: get(row, "name")?,
             description: get(row, "description")?,
             display_limit: get(row, "display_limit")?,
+            reading: json(row, "reading")?,
             version: get(row, "version")?,
             created_at: time(row, "created_at")?,
             updated_at: time(row, "updated_at")?,
@@ -72,7 +73,8 @@ impl Change for Study {
     ) -> StoreResult<Self> {
         let row = sqlx::query(
             "UPDATE studies SET name = COALESCE($2, name), description = COALESCE($3, description),
-                display_limit = CASE WHEN $4 THEN $5 ELSE display_limit END, version = version + 1, updated_at = $6
+                display_limit = CASE WHEN $4 THEN $5 ELSE display_limit END, reading = COALESCE($7, reading), version = version + 1,
+                updated_at = $6
              WHERE id = $1 RETURNING *",
         )
         .bind(before.id.to_string())
@@ -81,6 +83,7 @@ impl Change for Study {
         .bind(patch.display_limit.is_some())
         .bind(patch.display_limit.flatten())
         .bind(now)
+        .bind(patch.reading.as_ref().map(to_json).transpose()?)
         .fetch_one(&mut *connection)
         .await?;
         let after = Self::from_row(&row)?;

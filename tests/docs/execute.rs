@@ -266,7 +266,15 @@ impl Room {
         // Octave reads MATLAB's language, and two functions stand in for what its own cannot send.
         let stand_in = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/docs/octave");
         let octave = ["--norc", "--path", stand_in, "program.m"];
+        // Programs that need more than the language itself find it where it was installed for them.
+        let with_tables = concat!(env!("CARGO_MANIFEST_DIR"), "/target/exchange/bin/python");
         let ways: &[Way<'_>] = match language {
+            Language::Python if text.contains("import pandas") => &[Way {
+                name: "Python programs with pandas and python-control",
+                program: with_tables,
+                arguments: &["program.py"],
+                ready: &["-c", "import pandas, statsmodels, control"],
+            }],
             Language::Python => &[Way {
                 name: "Python programs",
                 program: "python3",

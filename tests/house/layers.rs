@@ -51,8 +51,9 @@ const ARROWS: &[(&str, &[&str])] = &[
             "two_stimulus",
         ],
     ),
-    // Files as labs have them: what was read is told in the problems and warnings of analyses.
-    ("exchange", &["analysis", "num", "trial"]),
+    // Files as labs have them: what was read is told in the problems and warnings of analyses. What is written are
+    // tables of what was learnt, and models with their responses.
+    ("exchange", &["analysis", "control", "learning", "num", "trial", "trust"]),
     // What is drawn of results; loops are simulated once more for the picture, and people for the tests.
     ("figure", &["analysis", "control", "identify", "learning", "num", "plants", "simulate", "trial", "trust"]),
     ("jobs", &["analysis", "ctl"]),

@@ -4,9 +4,8 @@ use crate::recordings::folder;
 use indicatif::ProgressBar;
 use std::path::Path;
 use volition::app::import::index;
-use volition::app::import::load::{
-    Outcome, PlantOptions, TRIAL_COLUMNS, common_display_limit, find_or_create_study, load,
-};
+use volition::app::import::load::{Outcome, PlantOptions, common_display_limit, find_or_create_study, load};
+use volition::exchange::tables::study::TRIAL_COLUMNS;
 use volition::store::{Page, Store, Study};
 
 const ALL: Page = Page { after: None, limit: 500 };

@@ -7,6 +7,7 @@ mod contract;
 mod property;
 
 mod api;
+mod bundle;
 mod clients;
 mod jobs;
 mod pages;

@@ -6,11 +6,10 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 use volition::app::import::index::{self, Condition};
-use volition::app::import::load::{
-    Outcome, PlantOptions, TRIAL_COLUMNS, common_display_limit, find_or_create_study, load,
-};
+use volition::app::import::load::{Outcome, PlantOptions, common_display_limit, find_or_create_study, load};
 use volition::app::import::{ImportArgs, import as import_command};
 use volition::app::recordings::ReadingArgs;
+use volition::exchange::tables::study::TRIAL_COLUMNS;
 use volition::exchange::{Options, TimeUnit, options::columns};
 use volition::store::{Page, Store, Study, Subject, TrialRecord};
 
@@ -185,12 +184,14 @@ async fn the_command_says_by_its_exit_code_whether_anything_was_refused() {
     std::fs::write(folder.path().join("model.json"), r#"{"num": [1], "den": [1, 0]}"#).unwrap();
     let arguments = |plants: Vec<String>| ImportArgs {
         folder: folder.path().to_owned(),
-        study: "lab".to_owned(),
+        study: Some("lab".to_owned()),
         database: folder.path().join("lab.db"),
         index: None,
         plants,
         display_limit: None,
         conditions: Vec::new(),
+        recompute: None,
+        remember: false,
         reading: ReadingArgs::default(),
     };
     let code = |outcome: anyhow::Result<ExitCode>| format!("{:?}", outcome.unwrap());

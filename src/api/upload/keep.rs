@@ -1,13 +1,12 @@
 //! Reading, measuring and storing what was uploaded.
 
-use super::UploadQuery;
 use super::assign::Wanted;
 use super::files::{Budget, File};
 use crate::analysis::{Code, Problem, Warning};
 use crate::api::doubts::doubts;
 use crate::api::problem::{ApiError, ApiResult, internal};
 use crate::api::state::{AppState, Limits};
-use crate::exchange::{Reading, Understood};
+use crate::exchange::{Options, Reading, Understood};
 use crate::learning::time_domain;
 use crate::num::hexadecimal::hexadecimal;
 use crate::store::{Created, IdempotencyKey, NewTrial, Plant, StoreError, Subject, TrialFilter, TrialRecord};
@@ -33,13 +32,12 @@ pub(super) fn parse_all(
     files: Vec<File>,
     wanted: &[(Wanted, Arc<Plant>)],
     limits: &Limits,
-    query: &UploadQuery,
+    options: &Options,
 ) -> Result<(Vec<NewTrial>, Vec<Said>), Problem> {
     let mut budget = Budget::new(limits);
-    let options = query.options();
     let mut parsed = Vec::with_capacity(files.len());
     for (file, (wanted, plant)) in files.into_iter().zip(wanted) {
-        let Reading { trial, understood, ignored_columns, warnings: done, .. } = file.read(&mut budget, &options)?;
+        let Reading { trial, understood, ignored_columns, warnings: done, .. } = file.read(&mut budget, options)?;
         let measured = time_domain::metrics(&trial, &plant.model);
         let metrics = serde_json::to_value(&measured).map_err(|error| {
             tracing::error!(%error, "metrics could not be written");

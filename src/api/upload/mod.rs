@@ -12,12 +12,13 @@ use super::extract::{
 use super::idempotency::{IDEMPOTENT_REPLAYED, Idempotency, IdempotencyHeader};
 use super::problem::{ApiResult, internal};
 use super::state::AppState;
+use super::studies::saved_of;
 use super::subjects::SubjectPath;
 use super::trials::{MAX_NUMBER, TrialView};
 use crate::analysis::ids::{PlantId, SubjectId};
 use crate::analysis::{Code, Problem, Warning};
 use crate::exchange::{Options, Resampling, TimeUnit, Understood, options};
-use crate::store::{Created, Plant};
+use crate::store::{Created, Plant, StudyReading};
 use crate::trial::csv::ColumnMapping;
 use crate::trial::json::TrialDocument;
 use assign::{Wanted, assignments, plants, with_metadata};
@@ -67,8 +68,10 @@ pub(crate) struct UploadQuery {
 
 impl UploadQuery {
     /// What is said of the files.
-    fn options(&self) -> Options {
+    fn options(&self, saved: &StudyReading) -> Options {
         Options {
+            // Checked when it was kept.
+            saved: saved_of(saved).unwrap_or_default(),
             columns: self.columns.clone().unwrap_or_default(),
             time_unit: self.time_unit,
             sample_time_s: self.sample_time_s,
@@ -248,9 +251,10 @@ pub(crate) async fn upload(
     let (files, metadata) = with_metadata(files)?;
     let wanted = assignments(&files, metadata, &query)?;
     let plants = plants(&state, &subject, &wanted).await?;
+    let reading = state.store.study(subject.study).await?.reading;
     let limits = state.limits;
     let with_plants: Vec<(Wanted, Arc<Plant>)> = wanted.iter().map(|w| (w.clone(), plants[&w.plant].clone())).collect();
-    let (new, said) = off_thread(move || parse_all(files, &with_plants, &limits, &query)).await??;
+    let (new, said) = off_thread(move || parse_all(files, &with_plants, &limits, &query.options(&reading))).await??;
 
     let (numbers, outcome) = store(&state, &subject, &wanted, new, key.as_ref()).await?;
     let mut items = Vec::with_capacity(outcome.len());

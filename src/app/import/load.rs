@@ -6,6 +6,7 @@ use crate::analysis::Warning;
 use crate::analysis::ids::{PlantId, StudyId, SubjectId};
 use crate::app::recordings;
 use crate::control::Model;
+use crate::exchange::tables::study::TRIAL_COLUMNS;
 use crate::exchange::{Options, Reading};
 use crate::learning::recording::doubts;
 use crate::learning::time_domain::{TimeDomainMetrics, metrics};
@@ -20,9 +21,6 @@ use indicatif::ProgressBar;
 use serde_json::{Map, Value};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
-
-/// Under this attribute of a subject stand the index's other columns, by trial.
-pub const TRIAL_COLUMNS: &str = "trial_columns";
 
 const PAGE: u32 = 500;
 

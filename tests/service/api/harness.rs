@@ -81,6 +81,11 @@ impl TestServer {
         assert!(!path.exists());
     }
 
+    /// The file of its database.
+    pub fn database(&self) -> PathBuf {
+        self.folder.as_ref().unwrap().path().join("volition.db")
+    }
+
     pub fn url(&self, path: &str) -> String {
         format!("http://{}{path}", self.address)
     }

@@ -193,3 +193,39 @@ async fn a_good_recording_has_no_warning_and_is_known_in_another_format() {
     assert_eq!(slower["duplicate"], json!(false));
     server.finish().await;
 }
+
+#[tokio::test]
+async fn what_files_do_not_say_is_said_once_for_a_study() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let study = format!("/v1/studies/{}", lab.study);
+    assert_eq!(server.get(&study).await.json(200)["reading"], serde_json::json!({}));
+    let rows = |names: &str, offset: usize| {
+        let mut text = format!("{names}\n");
+        for i in 0..60 {
+            let x = ((i + offset) as f64 * 0.3).sin();
+            text.push_str(&format!("{},{x},{},{}\n", 20 * i, 0.5 * x, 0.1 * x));
+        }
+        text
+    };
+    let foreign = rows("Clock,Target,Stick,Cursor", 0);
+    server.upload_csv(&lab, "&number=1", foreign.clone()).await.problem(400, "malformed");
+    // What cannot be read is refused before it is kept.
+    let bad =
+        server.patch(&study, &serde_json::json!({"reading": {"time_unit": "minutes"}})).await.problem(422, "invalid");
+    assert_eq!(bad["where"], "/reading/time_unit");
+    let reading = serde_json::json!({"columns": "t:Clock,r:Target,u:Stick,y:Cursor", "time_unit": "ms"});
+    let kept = server.patch(&study, &serde_json::json!({"reading": reading})).await.json(200);
+    assert_eq!(kept["reading"], reading);
+    let stored = server.upload_csv(&lab, "&number=1", foreign).await.json(201);
+    assert!((stored["sample_time_s"].as_f64().unwrap() - 0.02).abs() < 1e-12);
+    assert_eq!(stored["understood"]["columns"][1]["name"], "Target");
+    // What an upload says goes before it; a document says itself what it holds.
+    let own = "&number=2&columns=t:t,r:r,u:u,y:y&time_unit=ms";
+    server.upload_csv(&lab, own, rows("t,r,u,y", 7)).await.json(201);
+    let values: Vec<f64> = (0..60).map(|i| f64::from(i).cos()).collect();
+    let document = serde_json::json!({"sample_time_s": 0.02, "r": values, "u": values, "y": values});
+    let path = format!("/v1/subjects/{}/trials?plant={}&number=3", lab.subject, lab.plant);
+    server.post(&path, &document).await.json(201);
+    server.finish().await;
+}

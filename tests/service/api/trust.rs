@@ -20,7 +20,7 @@ async fn upload(server: &TestServer, lab: &Lab, seed: u64, number: u32) -> Strin
 }
 
 /// A study of three people with two trials each, identified by the pool and by prediction error.
-async fn identified(server: &TestServer) -> Lab {
+pub async fn identified(server: &TestServer) -> Lab {
     let mut lab = server.lab().await;
     for (seed, code) in [(1, "s01"), (2, "s02"), (3, "s03")] {
         if code != "s01" {
