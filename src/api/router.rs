@@ -113,9 +113,7 @@ pub(crate) fn router_with(beside: Router<AppState>, state: AppState) -> Router {
         .fallback(index::elsewhere);
     // With no origin named, nobody's browser is told anything.
     let router = if state.origins.is_empty() { router } else { router.layer(cross_origin(&state.origins)) };
-    router
-        .layer(from_fn_with_state(state.clone(), guard))
-        .with_state(state)
+    router.layer(from_fn_with_state(state.clone(), guard)).with_state(state)
 }
 
 /// The OpenAPI document: the operations as the routes say, the schemas as [`schema`] says.

@@ -68,7 +68,10 @@ async fn the_index_names_every_route_and_every_limit() {
     let studies = index["resources"].as_array().unwrap().iter().find(|own| own["path"] == "/v1/studies").unwrap();
     assert_eq!(studies["methods"][1], json!({"method": "POST", "does": "Makes a study."}));
     let limits = &index["limits"];
-    assert_eq!((&limits["trial_samples"], &limits["page_rows"], &limits["wait_s"]), (&json!(1234), &json!(500), &json!(60.0)));
+    assert_eq!(
+        (&limits["trial_samples"], &limits["page_rows"], &limits["wait_s"]),
+        (&json!(1234), &json!(500), &json!(60.0))
+    );
     for link in ["openapi", "docs", "kinds", "studies"] {
         assert_eq!(server.get(index["links"][link].as_str().unwrap()).await.status, 200, "{link}");
     }

@@ -24,7 +24,8 @@ async fn two_people(server: &TestServer) -> (Lab, String) {
 }
 
 fn names(list: &Value) -> Vec<String> {
-    let name = |trial: &Value| format!("{} {}/{}", trial["subject_code"].as_str().unwrap(), trial["session"], trial["number"]);
+    let name =
+        |trial: &Value| format!("{} {}/{}", trial["subject_code"].as_str().unwrap(), trial["session"], trial["number"]);
     list["items"].as_array().unwrap().iter().map(name).collect()
 }
 
@@ -155,9 +156,14 @@ async fn an_excluded_trial_is_left_out_and_named() {
         assert!(answer.contains("excluded_left_out") && answer.contains(reason), "{curves}: {answer}");
         assert!(!answer.contains(&out), "{curves}");
     }
-    let with = server.get(&format!("/v1/subjects/{}/learning-curves?include_excluded=true", lab.subject)).await.json(200);
+    let with =
+        server.get(&format!("/v1/subjects/{}/learning-curves?include_excluded=true", lab.subject)).await.json(200);
     let points = with["curves"][0]["points"].as_array().unwrap();
-    assert_eq!((points.len(), &points[0]["trial"], &points[1]["excluded"]), (2, &json!(kept), &json!(reason)), "{with}");
+    assert_eq!(
+        (points.len(), &points[0]["trial"], &points[1]["excluded"]),
+        (2, &json!(kept), &json!(reason)),
+        "{with}"
+    );
     assert_eq!(points[1]["trust"][0]["code"], "excluded");
     let comparison = server.get(&format!("{of_study}/comparison")).await.text();
     assert!(comparison.contains("excluded_left_out"), "{comparison}");
@@ -174,7 +180,10 @@ async fn an_excluded_trial_is_left_out_and_named() {
     let warnings = server.get(&report).await.json(200)["warnings"].clone();
     assert!(warnings.as_array().unwrap().iter().any(|own| own["code"] == "excluded_trial"), "{warnings}");
     let back = server.patch(&path, &json!({"excluded": null, "note": null})).await.json(200);
-    assert_eq!((&back["excluded"], &back["note"], &back["trust"][0]["level"]), (&Value::Null, &json!(""), &json!("ok")));
+    assert_eq!(
+        (&back["excluded"], &back["note"], &back["trust"][0]["level"]),
+        (&Value::Null, &json!(""), &json!("ok"))
+    );
     for bad in [json!(true), json!({}), json!({"reason": " "}), json!({"reason": "a\nb"})] {
         let refused = server.patch(&path, &json!({"excluded": bad})).await.problem(422, "invalid");
         assert!(refused["where"].as_str().unwrap().starts_with("/excluded"), "{refused}");
@@ -208,7 +217,10 @@ async fn a_trial_is_put_on_another_plant_while_nothing_was_computed_from_it() {
     let request = json!({"kind": "frequency_response", "inputs": {"trial": trial}, "spec": {}});
     let analysis = server.post("/v1/analyses", &request).await.id(202);
     let in_use = server.patch(&path, &json!({"plant": lab.plant})).await.problem(409, "conflict");
-    assert!(in_use["where"] == "/plant" && in_use["mend"].as_str().unwrap().contains("/v1/analyses?trial="), "{in_use}");
+    assert!(
+        in_use["where"] == "/plant" && in_use["mend"].as_str().unwrap().contains("/v1/analyses?trial="),
+        "{in_use}"
+    );
     assert_eq!(server.delete(&format!("/v1/analyses/{analysis}")).await.status, 204);
     server.patch(&path, &json!({"plant": lab.plant})).await.json(200);
     server.finish().await;

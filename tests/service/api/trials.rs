@@ -15,7 +15,11 @@ async fn a_trial_is_renumbered_and_deleted() {
     assert_eq!(refused["where"], "/number");
     assert_eq!(server.patch(&path, &json!([])).await.problem(422, "invalid")["where"], "/", "an array is no patch");
     assert_eq!(server.patch(&path, &json!({"number": 8.0})).await.json(200)["number"], 8);
-    assert_eq!(server.patch(&path, &json!({"plant": lab.plant})).await.json(200)["plant"], json!(lab.plant), "as it is");
+    assert_eq!(
+        server.patch(&path, &json!({"plant": lab.plant})).await.json(200)["plant"],
+        json!(lab.plant),
+        "as it is"
+    );
     server.patch(&path, &json!({"subject": lab.subject})).await.problem(422, "invalid");
     assert_eq!(server.delete(&path).await.status, 204);
     server.get(&path).await.problem(404, "not_found");

@@ -33,7 +33,8 @@ async fn nobody_waits_longer_than_the_bound() {
     let limits = Limits { max_wait: Duration::from_secs(1), ..Limits::default() };
     let server = TestServer::start_with(limits).await;
     let begin = Instant::now();
-    let asked = server.send(server.request("POST", "/v1/analyses").header("prefer", "wait=3600").json(&inverse())).await;
+    let asked =
+        server.send(server.request("POST", "/v1/analyses").header("prefer", "wait=3600").json(&inverse())).await;
     let queued = asked.json(202);
     let waited = begin.elapsed().as_secs_f64();
     assert!((1.0..10.0).contains(&waited), "{waited}");
