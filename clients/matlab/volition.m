@@ -308,7 +308,7 @@ function text = request_text(url, method, path, file, media, header)
     if ~isempty(header), call = sprintf('%s --header "%s"', call, header); end
     [failed, text] = system(sprintf('%s --write-out "\\n%%{http_code}" "%s%s" 2>&1', call, url, path));
     if failed
-        error('volition:unreachable', 'the server at %s does not answer: %s', url, regexprep(strtrim(text), '^000', ''));
+        error('volition:unreachable', 'the server at %s does not answer: %s', url, strtrim(regexprep(text, '\s*000\s*$', '')));
     end
     ends = find(text == char(10), 1, 'last');
     status = str2double(text(ends + 1:end));

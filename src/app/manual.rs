@@ -32,7 +32,8 @@ pub fn pages(command: Command, folder: &Path) -> anyhow::Result<usize> {
     {
         let mut page = Vec::new();
         // `volition run` is one command, and `volition-run` the name of its page.
-        clap_mangen::Man::new(of.clone().display_name(name.clone())).render(&mut page)?;
+        let of = of.clone().display_name(name.clone()).version(env!("CARGO_PKG_VERSION"));
+        clap_mangen::Man::new(of).render(&mut page)?;
         let path = folder.join(format!("{name}.1"));
         fs::write(&path, page).with_context(|| format!("cannot write {}", path.display()))?;
         written += 1;

@@ -26,12 +26,12 @@ fn write(out: &mut String, report: &Report) -> std::fmt::Result {
     }
     writeln!(out)?;
     let found = quantities(report, None);
-    if found.is_empty() {
-        members(out, &report.result)?;
-    }
+    members(out, &report.result, found.is_empty())?;
     let widest = found.iter().map(|quantity| name(quantity).chars().count()).max().unwrap_or_default();
     for quantity in &found {
-        let value = quantity.value.map_or_else(|| "-".to_owned(), number);
+        // A matrix stands in the result under its own name.
+        let written = || report.result.get(&quantity.trust.quantity).and_then(short).unwrap_or_else(|| "-".to_owned());
+        let value = quantity.value.map_or_else(written, number);
         let interval =
             quantity.interval_95.map_or_else(String::new, |[low, high]| format!("[{}, {}]", number(low), number(high)));
         let (name, level) = (name(quantity), quantity.trust.level);
@@ -71,10 +71,10 @@ fn number(value: f64) -> String {
     }
 }
 
-/// The members of a result that are short enough to be read.
-fn members(out: &mut String, result: &Value) -> std::fmt::Result {
-    let shown = result.as_object().into_iter().flatten().filter_map(|(name, value)| Some((name, short(value)?)));
-    for (name, value) in shown.take(MOST_MEMBERS) {
+/// The members of a result that are short enough to be read; where its quantities follow, without lists.
+fn members(out: &mut String, result: &Value, with_lists: bool) -> std::fmt::Result {
+    let all = result.as_object().into_iter().flatten().filter(|(_, value)| with_lists || !value.is_array());
+    for (name, value) in all.filter_map(|(name, value)| Some((name, short(value)?))).take(MOST_MEMBERS) {
         writeln!(out, "  {name}: {value}")?;
     }
     Ok(())

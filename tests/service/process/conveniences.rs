@@ -65,7 +65,7 @@ fn shells_complete_and_man_has_pages() {
     let page = |name: &str| std::fs::read_to_string(pages.join(name)).unwrap();
     assert!(page("volition.1").contains("Exit codes"), "{}", page("volition.1"));
     let serve = page("volition-serve.1");
-    assert!(serve.starts_with(".ie") && serve.contains(".TH volition\\-serve 1"), "{serve}");
+    assert!(serve.starts_with(".ie") && serve.contains(".TH volition-serve 1"), "{serve}");
     assert!(serve.contains("allow\\-origin") && serve.contains("VOLITION_LISTEN"), "{serve}");
     let commands = text(&volition(&["help"]).output().unwrap().stdout);
     for name in ["worker", "migrate", "backup", "verify", "openapi", "demo", "check", "import", "run", "man"] {
@@ -84,6 +84,7 @@ fn people_get_a_summary_and_pipes_the_report() {
     let summary = run(&["--summary"], document);
     let words = text(&summary.stdout);
     assert_eq!(summary.status.code(), Some(0), "{}", text(&summary.stderr));
+    assert!(words.contains("verdict: feasible") && words.contains("alpha: 3"), "{words}");
     assert!(words.starts_with("inverse_lqr: ") && words.contains("--json") && words.lines().count() > 2, "{words}");
     assert!(!words.contains('\u{1b}') && serde_json::from_str::<serde_json::Value>(&words).is_err(), "{words}");
     let both = run(&["--json", "--summary"], document);
