@@ -45,6 +45,8 @@ mod units;
 mod upload;
 
 pub(crate) use analyses::{check, report_text};
+pub(crate) use checks::name as checked_name;
+pub(crate) use comparison::{ComparisonQuery, compared};
 pub use docs::document;
 pub(crate) use etag::conditional_bytes;
 pub(crate) use extract::{FromQuery, Id, Params, QueryText, off_thread};
@@ -58,3 +60,4 @@ pub(crate) use router::router_with;
 pub use router::{openapi, router};
 pub use server::{Connections, serve};
 pub use state::{AppState, Limits};
+pub(crate) use upload::{Preview, Wish, preview, sent_files, stand_beside};

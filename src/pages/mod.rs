@@ -6,6 +6,8 @@
 
 mod analysis;
 mod assets;
+mod compare;
+mod excitation;
 mod frame;
 mod gate;
 mod grid;
@@ -14,6 +16,7 @@ mod layout;
 mod numbers;
 mod problems;
 mod queue;
+mod report;
 mod router;
 mod schema;
 mod sentences;
@@ -23,6 +26,7 @@ mod subject;
 mod svg;
 mod trial;
 mod trust;
+mod upload;
 mod values;
 mod warnings;
 

@@ -53,6 +53,22 @@ impl Drawn {
         html! { section.card.figure data-name=(self.name) { div.card-head { h2 { (self.title) } (more) } (self.plot()) } }
     }
 
+    /// The figure and its caption alone, for a card that has more in it.
+    pub(super) fn inside(&self) -> Markup {
+        self.plot()
+    }
+
+    /// The figure as a card, drawn once: for paper, whose width is known.
+    pub(super) fn single(&self) -> Markup {
+        html! {
+            section.card.figure data-name=(self.name) {
+                h2 { (self.title) }
+                (written(&self.wide))
+                p.caption { (self.caption) }
+            }
+        }
+    }
+
     fn plot(&self) -> Markup {
         html! {
             div.plot { div.wide { (written(&self.wide)) } div.narrow { (written(&self.narrow)) } }

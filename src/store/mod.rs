@@ -30,7 +30,9 @@ mod blocking;
 mod clock;
 mod copy;
 mod damage;
+mod drafts;
 mod error;
+mod estimates;
 mod idempotency;
 mod leases;
 mod library;
@@ -63,6 +65,7 @@ mod writing;
 
 pub use backup::Manifest;
 pub use clock::Clock;
+pub use drafts::{Draft, DraftFile, DraftTrial, Drafted};
 pub use error::{StoreError, StoreResult, Trouble};
 pub use nouns::{Change, Noun};
 pub use open::Store;
