@@ -206,7 +206,8 @@ pub(crate) async fn gather_trial(
 ) -> ApiResult<Gathered> {
     let (estimates, damaged) = estimates(state, &[trial.id], query).await?;
     let shown = query.estimator;
-    let mut gathered = off_thread(move || assemble(vec![subject], vec![plant], vec![trial], estimates, shown)).await??;
+    let mut gathered =
+        off_thread(move || assemble(vec![subject], vec![plant], vec![trial], estimates, shown)).await??;
     gathered.remarks.extend(damaged);
     Ok(gathered)
 }

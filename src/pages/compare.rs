@@ -48,7 +48,8 @@ pub(super) struct CompareQuery {
 impl FromQuery for CompareQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
         let names = Estimator::ALL.map(Estimator::name).join(", ");
-        let estimator = query.one_of("estimator", &names, |text| Estimator::ALL.into_iter().find(|e| e.name() == text))?;
+        let estimator =
+            query.one_of("estimator", &names, |text| Estimator::ALL.into_iter().find(|e| e.name() == text))?;
         let forms = FORMS.map(|(_, name, _)| name).join(", ");
         let form = |text: &str| FORMS.into_iter().find(|(_, name, _)| *name == text).map(|(form, ..)| form);
         let groups = query.one_of("groups", "group names, separated by commas", |text| {
@@ -141,7 +142,10 @@ fn mixed(comparison: &StudyComparison) -> Option<String> {
         ));
     }
     (plants.len() > 1).then(|| {
-        format!("These groups worked with different plants ({}): a difference may come from the plant.", plants.join(", "))
+        format!(
+            "These groups worked with different plants ({}): a difference may come from the plant.",
+            plants.join(", ")
+        )
     })
 }
 
@@ -196,9 +200,8 @@ fn rows(comparison: &StudyComparison) -> Vec<Row<'_>> {
         own.contrasts.iter().filter(|one| one.sessions.is_none()).map(|one| (own.metric, one.contrast))
     });
     for (metric, contrast) in asked {
-        let of_group = |group: &'_ ComparedGroup| -> Option<usize> {
-            group.metrics.iter().position(|own| own.metric == metric)
-        };
+        let of_group =
+            |group: &'_ ComparedGroup| -> Option<usize> { group.metrics.iter().position(|own| own.metric == metric) };
         let cells = comparison.groups.iter().map(|group| {
             let own = &group.metrics[of_group(group)?];
             Some((own, own.contrasts.iter().find(|one| one.contrast == contrast && one.sessions.is_none())?))

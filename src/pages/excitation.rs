@@ -87,10 +87,7 @@ static SORTS: [Sort; 5] = [
         name: "filtered_noise",
         title: "noise through a low-pass",
         about: "White noise of which only what lies below an edge is left.",
-        fields: &[
-            ("edge_hz", "edge (Hz)", Takes::Number, "2"),
-            ("duration_s", "duration (s)", Takes::Number, "60"),
-        ],
+        fields: &[("edge_hz", "edge (Hz)", Takes::Number, "2"), ("duration_s", "duration (s)", Takes::Number, "60")],
     },
 ];
 
@@ -315,7 +312,9 @@ pub(super) async fn page(
 
 fn form(query: &ExcitationQuery, problem: Option<&Problem>) -> Markup {
     let place = problem.and_then(|problem| problem.location.as_deref()).unwrap_or_default();
-    let wrong = |name: &str| place.split(['/', ' ']).any(|part| part == name).then(|| problem.map_or("", |own| own.detail.as_str()));
+    let wrong = |name: &str| {
+        place.split(['/', ' ']).any(|part| part == name).then(|| problem.map_or("", |own| own.detail.as_str()))
+    };
     html! {
         nav.choice aria-label="Sort of excitation" { @for sort in &SORTS {
             a href={ "/excitation?kind=" (sort.name) } aria-current=[(sort.name == query.sort.name).then_some("true")] { (sort.title) } " "

@@ -13,6 +13,7 @@ mod gate;
 mod grid;
 mod home;
 mod layout;
+mod new_study;
 mod numbers;
 mod problems;
 mod queue;

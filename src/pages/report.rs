@@ -103,10 +103,10 @@ pub(super) async fn page(
     let found = reported(&state, id).await?;
     let title = format!("Report of {}", found.study.name);
     let mut head = Head::new(Place::Studies, &title);
-    head.crumbs =
-        vec![("Studies".into(), "/".into()), (found.study.name.clone(), format!("/studies/{id}"))];
+    head.crumbs = vec![("Studies".into(), "/".into()), (found.study.name.clone(), format!("/studies/{id}"))];
     head.json = Some(format!("/v1/studies/{id}/learning-curves"));
-    head.lead = html! { "For paper and for files: print this page, or keep it as one file that opens without a server." };
+    head.lead =
+        html! { "For paper and for files: print this page, or keep it as one file that opens without a server." };
     head.actions = html! {
         a.button.strong href={ "/studies/" (id) "/report.html" } download { "Download as one file" }
     };
@@ -239,7 +239,9 @@ fn methods(found: &Reported) -> Markup {
         .curves
         .groups
         .iter()
-        .filter_map(|group| Some(format!("{} ({} trials)", eight(&group.spec.as_ref()?.spec_sha256), group.spec.as_ref()?.trials)))
+        .filter_map(|group| {
+            Some(format!("{} ({} trials)", eight(&group.spec.as_ref()?.spec_sha256), group.spec.as_ref()?.trials))
+        })
         .collect();
     html! {
         p {

@@ -1,6 +1,8 @@
 //! The addresses of pages, and the layers around them.
 
-use super::{analysis, assets, compare, excitation, gate, home, problems, queue, report, start, study, subject, trial, upload};
+use super::{
+    analysis, assets, compare, excitation, gate, home, new_study, problems, queue, report, start, study, subject, trial, upload,
+};
 use crate::api::{AppState, router_with};
 use axum::Router;
 use axum::middleware::from_fn;
@@ -14,6 +16,7 @@ const PACKED_FROM: u64 = 860;
 fn routes() -> Router<AppState> {
     Router::new()
         .route("/", get(home::page))
+        .route("/studies/new", get(new_study::page).post(new_study::send))
         .route("/studies/{study}", get(study::page))
         .route("/subjects/{subject}", get(subject::page))
         .route("/trials/{trial}", get(trial::page))

@@ -26,7 +26,9 @@ pub(super) fn phrase(metric: Metric) -> &'static str {
         Metric::RmsError => "the root mean square error",
         Metric::NormFeedback => "the gain of the feedback, ‖Gfb‖,",
         Metric::NormFeedforwardMinusInverse => "the distance ‖Gff\u{a0}−\u{a0}G⁻¹‖",
-        Metric::NormFeedforwardPlantMinusOne => "the distance of the feedforward from the inverse, ‖Gff\u{a0}G\u{a0}−\u{a0}1‖,",
+        Metric::NormFeedforwardPlantMinusOne => {
+            "the distance of the feedforward from the inverse, ‖Gff\u{a0}G\u{a0}−\u{a0}1‖,"
+        }
         Metric::VarianceAccountedFor => "the share of the output that is explained",
         Metric::ControlLogDimensionlessJerk => "the smoothness of the control",
     }

@@ -99,9 +99,11 @@ async fn make_room(connection: &mut SqliteConnection, now: i64, bytes: i64) -> S
         if drafts == 0 || (drafts < MOST && held.saturating_add(bytes) <= MOST_BYTES) {
             return Ok(());
         }
-        sqlx::query("DELETE FROM upload_drafts WHERE id = (SELECT id FROM upload_drafts ORDER BY created_at, id LIMIT 1)")
-            .execute(&mut *connection)
-            .await?;
+        sqlx::query(
+            "DELETE FROM upload_drafts WHERE id = (SELECT id FROM upload_drafts ORDER BY created_at, id LIMIT 1)",
+        )
+        .execute(&mut *connection)
+        .await?;
     }
 }
 

@@ -382,6 +382,17 @@ pub struct RunProgress {
     pub latest_s: Vec<f64>,
 }
 
+/// The first trial of an analysis, as people name it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FirstTrial {
+    /// The code of its subject.
+    pub code: String,
+    /// Its number.
+    pub number: i64,
+    /// How many trials the analysis has.
+    pub trials: u64,
+}
+
 /// What an analysis found of a trial by an estimator.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrialEstimate {

@@ -99,14 +99,12 @@ impl Found {
     /// Numbers that are not finite have no JSON: they are left out, as answers leave them out.
     fn of(own: Identification) -> Self {
         let ends = |interval: Option<[f64; 2]>| interval.filter(|ends| ends.iter().all(|end| end.is_finite()));
-        let NormIntervals {
-            norm_feedback,
-            norm_feedforward_minus_inverse,
-            norm_feedforward_plant_minus_one,
-            reason,
-        } = own.intervals;
+        let NormIntervals { norm_feedback, norm_feedforward_minus_inverse, norm_feedforward_plant_minus_one, reason } =
+            own.intervals;
         Self {
-            controllers: own.controllers.map(|both| [both.plant, both.feedforward, both.feedback].map(|one| model(&one))),
+            controllers: own
+                .controllers
+                .map(|both| [both.plant, both.feedforward, both.feedback].map(|one| model(&one))),
             metrics: own.metrics,
             standard_errors: own.standard_errors,
             intervals: NormIntervals {

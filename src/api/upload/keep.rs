@@ -85,9 +85,10 @@ pub(super) fn parse_all(
 ) -> Result<(Vec<NewTrial>, Vec<Said>), Problem> {
     let mut budget = Budget::new(limits);
     let options = query.options();
-    let parsed = files.into_iter().zip(wanted).map(|(file, (wanted, plant))| {
-        parse(&file, &mut budget, &options, plant, [wanted.number, wanted.session])
-    });
+    let parsed = files
+        .into_iter()
+        .zip(wanted)
+        .map(|(file, (wanted, plant))| parse(&file, &mut budget, &options, plant, [wanted.number, wanted.session]));
     let parsed: Vec<(NewTrial, Said)> = parsed.collect::<Result<_, _>>()?;
     Ok(parsed.into_iter().unzip())
 }

@@ -66,7 +66,8 @@ fn taken_apart(sent: Vec<File>, limits: &Limits) -> ApiResult<Vec<(String, Vec<u
         }
     }
     if all.len() > limits.max_multipart_files {
-        let detail = format!("there are {} files, and {} are looked at together", all.len(), limits.max_multipart_files);
+        let detail =
+            format!("there are {} files, and {} are looked at together", all.len(), limits.max_multipart_files);
         return Err(Problem::new(crate::analysis::Code::TooLarge, "too many files", detail)
             .at("body")
             .mend("Send them in several portions.")
@@ -96,9 +97,8 @@ pub(crate) fn preview(
         .zip(wishes)
         .map(|(file, wish)| {
             let wish = wish.as_ref()?;
-            let parsed = beside(file, &files).and_then(|file| {
-                parse(&file, &mut budget, &wish.options, &wish.plant, [wish.number, wish.session])
-            });
+            let parsed = beside(file, &files)
+                .and_then(|file| parse(&file, &mut budget, &wish.options, &wish.plant, [wish.number, wish.session]));
             Some(parsed.map(|(new, Said { ignored_columns, understood, warnings, .. })| Preview {
                 new,
                 understood,

@@ -28,8 +28,7 @@ const ROWS: usize = 5;
 
 /// Which files are drawn.
 pub(super) fn drawn(files: &[Look], show: Option<usize>) -> Vec<usize> {
-    let read: Vec<usize> =
-        (0..files.len()).filter(|place| matches!(files[*place].outcome, Outcome::Read(_))).collect();
+    let read: Vec<usize> = (0..files.len()).filter(|place| matches!(files[*place].outcome, Outcome::Read(_))).collect();
     match show {
         Some(place) => vec![place],
         None if read.len() <= MOST_DRAWN => read,
@@ -92,12 +91,8 @@ fn refusal(problem: &Problem) -> Markup {
 /// What the file was taken for, in words, with its first rows.
 fn understood(found: &Preview) -> Markup {
     let trial = &found.new.trial;
-    let columns: Vec<(&str, &str, Option<&str>)> = found
-        .understood
-        .columns
-        .iter()
-        .map(|own| (own.signal, own.name.as_str(), own.unit.as_deref()))
-        .collect();
+    let columns: Vec<(&str, &str, Option<&str>)> =
+        found.understood.columns.iter().map(|own| (own.signal, own.name.as_str(), own.unit.as_deref())).collect();
     let rows = trial.samples().min(ROWS);
     let value = |signal: &str, row: usize| {
         let own = &trial.signals;
@@ -139,7 +134,9 @@ fn fields(place: usize, look: &Look, lab: &Lab, found: Option<&Preview>) -> Mark
         if text(name).is_empty() { as_number(guess) } else { text(name).to_owned() }
     };
     let taken = |signal: &str| {
-        found.and_then(|found| found.understood.columns.iter().find(|own| own.signal == signal)).map(|own| own.name.as_str())
+        found
+            .and_then(|found| found.understood.columns.iter().find(|own| own.signal == signal))
+            .map(|own| own.name.as_str())
     };
     let all: Vec<&str> = found.map_or_else(Vec::new, |found| {
         let used = found.understood.columns.iter().map(|own| own.name.as_str());

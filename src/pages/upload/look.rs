@@ -219,7 +219,8 @@ impl Look {
             }
         }
         if let Some(code) = self.code.as_deref().filter(|_| subject.is_none()) {
-            self.notes.push(format!("the study has nobody with the code {code} yet: the person is made with the trial"));
+            self.notes
+                .push(format!("the study has nobody with the code {code} yet: the person is made with the trial"));
         }
         self.outcome = Outcome::Read(Box::new(found));
     }
@@ -248,11 +249,9 @@ fn number_all(files: &mut [Look], lab: &Lab) {
         let is_free = own.insert(number);
         if !is_free && look.same.is_none() {
             let detail = format!("the person has a trial number {number} already, stored or among these files");
-            look.mend.push(
-                Problem::new(Code::Conflict, "the number is taken", detail)
-                    .at("field number")
-                    .mend(format!("Write another number, such as {}, or another session.", own.last().map_or(1, |n| n + 1))),
-            );
+            look.mend.push(Problem::new(Code::Conflict, "the number is taken", detail).at("field number").mend(
+                format!("Write another number, such as {}, or another session.", own.last().map_or(1, |n| n + 1)),
+            ));
         }
         look.number = Some(number);
         if let Outcome::Read(found) = &mut look.outcome {
@@ -267,12 +266,8 @@ pub(super) async fn look_at(state: &AppState, draft: &Draft) -> ApiResult<(Lab, 
     let codes: Vec<String> = lab.subjects.iter().map(|subject| subject.code.clone()).collect();
     let names: Vec<&str> = draft.files.iter().map(|file| file.name.as_str()).collect();
     let beside = crate::api::stand_beside(&names);
-    let mut files: Vec<Look> = draft
-        .files
-        .iter()
-        .zip(beside)
-        .map(|(file, is_beside)| Look::new(file, &lab, &codes, is_beside))
-        .collect();
+    let mut files: Vec<Look> =
+        draft.files.iter().zip(beside).map(|(file, is_beside)| Look::new(file, &lab, &codes, is_beside)).collect();
     let wishes: Vec<Option<Wish>> = files.iter_mut().map(|look| look.wish(&lab)).collect();
     let named: Vec<(String, Vec<u8>)> = draft.files.iter().map(|file| (file.name.clone(), file.data.clone())).collect();
     let limits = state.limits;

@@ -164,7 +164,8 @@ async fn kept(state: &AppState, id: DraftId) -> ApiResult<Draft> {
     match state.store.draft(id).await {
         Ok(draft) => Ok(draft),
         Err(crate::store::StoreError::NotFound { .. }) => {
-            let detail = "files that were sent and not stored are kept for a day, and the oldest make room for new ones";
+            let detail =
+                "files that were sent and not stored are kept for a day, and the oldest make room for new ones";
             Err(Problem::new(Code::NotFound, "these files are gone", detail).mend("Send the files again.").into())
         }
         Err(error) => Err(error.into()),
@@ -265,7 +266,11 @@ fn written(
 
 /// What was stored, and what to do with it.
 fn after(id: DraftId, lab: &Lab, files: &[Look], stored: usize, open: usize) -> Markup {
-    let more = if open > 0 { html! { "; " (count(open as u64, "file stays", "files stay")) " below, with the reason" } } else { html! {} };
+    let more = if open > 0 {
+        html! { "; " (count(open as u64, "file stays", "files stay")) " below, with the reason" }
+    } else {
+        html! {}
+    };
     in_card(
         "Stored",
         &html! {},
@@ -329,7 +334,8 @@ async fn identify(state: &AppState, draft: &Draft) -> ApiResult<()> {
     let kind = prediction_error::Plan::KIND.name().to_owned();
     let trials: Vec<TrialId> = draft.files.iter().filter_map(|file| file.trial).collect();
     let checked = off_thread(move || {
-        let request = |trial: &TrialId| Request { kind: kind.clone(), inputs: json!({"trial": trial}), spec: json!({}) };
+        let request =
+            |trial: &TrialId| Request { kind: kind.clone(), inputs: json!({"trial": trial}), spec: json!({}) };
         trials.iter().map(|trial| check(&request(trial)).map(|checked| checked.new)).collect::<Result<Vec<_>, _>>()
     });
     let mut new: Vec<NewAnalysis> = checked.await??;

@@ -10,21 +10,8 @@ pub(super) const SIGNALS: [(&str, &str); 5] =
     [("t", "time"), ("r", "command"), ("u", "control"), ("y", "output"), ("d", "disturbance")];
 
 /// The fields of a file in the form, in their order.
-const FIELDS: [&str; 13] = [
-    "take",
-    "subject",
-    "group",
-    "plant",
-    "number",
-    "session",
-    "t",
-    "r",
-    "u",
-    "y",
-    "d",
-    "time_unit",
-    "sample_time_s",
-];
+const FIELDS: [&str; 13] =
+    ["take", "subject", "group", "plant", "number", "session", "t", "r", "u", "y", "d", "time_unit", "sample_time_s"];
 
 /// Characters of a field that are kept.
 const MOST: usize = 300;
