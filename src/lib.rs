@@ -20,7 +20,8 @@
 //!   the mathematics of the kinds of analysis;
 //! - [`analysis`]: a request becomes a checked analysis, and that a [`Report`](analysis::Report);
 //! - [`exchange`]: files as labs have them, read into trials;
-//! - [`jobs`], [`store`], [`worker`], [`api`], [`pages`]: analyses as durable jobs, kept in SQLite, computed by workers,
+//! - [`jobs`], [`store`], [`worker`], [`api`], [`pages`]: analyses as durable jobs, kept in SQLite, computed by
+//! workers,
 //!   asked for over HTTP, and looked at in a browser;
 //! - [`app`], [`cli`], [`config`], [`telemetry`]: the parts put together.
 //!

@@ -99,12 +99,14 @@ pub(super) async fn page(
     head.json = Some(numbers.clone());
     let people: usize = comparison.groups.iter().map(|group| group.people).sum();
     head.lead = html! {
-        (count(comparison.groups.len() as u64, "group", "groups")) " of " (study.name) " · " (count(people as u64, "person", "people"))
+        (count(comparison.groups.len() as u64, "group", "groups")) " of " (study.name) " · "
+            (count(people as u64, "person", "people"))
         @if has_norms { " · estimated by " (estimator_name(estimator)) }
     };
     let body = html! {
         @if people == 0 {
-            (missing("Nobody to compare", "The study has no trial yet.", &html! { a href={ "/studies/" (study.id) } { "To the study" } }))
+            (missing("Nobody to compare", "The study has no trial yet.", &html!
+                { a href={ "/studies/" (study.id) } { "To the study" } }))
         } @else {
             @if let Some(warning) = mixed(&comparison) { section.card.problem role="note" { p { b { (warning) } } } }
             (choices(&frame, &found, estimator, query.curve))
@@ -117,7 +119,8 @@ pub(super) async fn page(
             } }
             @if !comparison.remarks.is_empty() {
                 (card("To be read before the numbers are used", &html! {}, &html! {
-                    ul.plain { @for remark in &comparison.remarks { li { code { (remark.code) } ": " (remark.message) } } }
+                    ul.plain { @for remark in &comparison.remarks { li { code { (remark.code) } ": " (remark.message) }
+                        } }
                 }))
             }
         }
@@ -153,11 +156,13 @@ fn choices(frame: &Frame, found: &[(Estimator, u64)], estimator: Estimator, curv
     html! {
         @if found.len() > 1 {
             nav.choice aria-label="Estimator" { "Estimated by: " @for (own, _) in found {
-                a href=(frame.with("estimator", Some(own.name()))) aria-current=[(*own == estimator).then_some("true")] {
+                a href=(frame.with("estimator", Some(own.name()))) aria-current=[(*own == estimator).then_some("true")]
+                    {
                     (estimator_name(*own)) } " "
             } }
         }
-        nav.choice aria-label="First and last values" { "First and last values from: " @for (form, name, words) in FORMS {
+        nav.choice aria-label="First and last values" { "First and last values from: " @for (form, name, words) in FORMS
+            {
             a href=(frame.with("curve", Some(name))) aria-current=[(form == curve).then_some("true")] { (words) } " "
         } }
     }
@@ -226,8 +231,10 @@ fn table(comparison: &StudyComparison) -> Markup {
     let groups = &comparison.groups;
     html! {
         p.muted {
-            "Means over people with 95 % intervals (random effects, Knapp–Hartung); differences are the second group less the "
-            "first, p after correction for " (comparison.families.differences) " tests. What differs beyond its interval "
+            "Means over people with 95 % intervals (random effects, Knapp–Hartung); differences are the second group "
+            "less the "
+            "first, p after correction for " (comparison.families.differences)
+                " tests. What differs beyond its interval "
             "stands first, in bold."
         }
         div.scroll tabindex="0" role="region" aria-label="Quantities by group" {
@@ -235,14 +242,16 @@ fn table(comparison: &StudyComparison) -> Markup {
                 caption.hidden { "Quantities by group, and their differences" }
                 thead { tr {
                     th scope="col" { "Quantity" }
-                    @for (at, group) in groups.iter().enumerate() { th scope="col" { (key(at, groups.len())) " " (name(group)) } }
+                    @for (at, group) in groups.iter().enumerate() { th scope="col"
+                        { (key(at, groups.len())) " " (name(group)) } }
                     @for pair in &comparison.pairs {
                         th scope="col" { (name(&groups[pair.second])) " less " (name(&groups[pair.first])) }
                     }
                 } }
                 tbody { @for row in rows(comparison) {
                     tr data-differs[row.differs()] {
-                        th scope="row" title=(capital(phrase(row.metric).trim_end_matches(','))) { (symbol(row.metric)) " " (words(row.contrast)) }
+                        th scope="row" title=(capital(phrase(row.metric).trim_end_matches(',')))
+                            { (symbol(row.metric)) " " (words(row.contrast)) }
                         @for cell in &row.cells { td { (mean(*cell)) } }
                         @for pair in &row.pairs { td {
                             @let written = difference(pair.as_ref());
@@ -264,7 +273,8 @@ fn mean(cell: Option<(&GroupMetric, &GroupContrast)>) -> Markup {
             None => { "no mean: " (contrast.no_mean.as_deref().unwrap_or("nobody has a value")) }
         }
         @if own.trust.mean.do_not_use > 0 {
-            br; (chip(own.trust.mean.level, &format!("{} of {} not to be used", own.trust.mean.do_not_use, own.trust.mean.of)))
+            br; (chip(own.trust.mean.level, &format!("{} of {} not to be used", own.trust.mean.do_not_use,
+                own.trust.mean.of)))
         }
     }
 }

@@ -51,8 +51,8 @@ static SORTS: [Sort; 5] = [
     Sort {
         name: "prts",
         title: "ternary sequence",
-        about: "A pseudorandom ternary sequence of maximum length: even multiples of its base line have no power, so that a \
-            nonlinear answer shows between its lines.",
+        about: "A pseudorandom ternary sequence of maximum length: even multiples of its base line have no power, \
+            so that a nonlinear answer shows between its lines.",
         fields: &[("order", "order n, 3ⁿ − 1 chips", Takes::Whole, "4"), ("chip_s", "chip (s)", Takes::Number, "0.2")],
     },
     Sort {
@@ -317,12 +317,14 @@ fn form(query: &ExcitationQuery, problem: Option<&Problem>) -> Markup {
     };
     html! {
         nav.choice aria-label="Sort of excitation" { @for sort in &SORTS {
-            a href={ "/excitation?kind=" (sort.name) } aria-current=[(sort.name == query.sort.name).then_some("true")] { (sort.title) } " "
+            a href={ "/excitation?kind=" (sort.name) } aria-current=[(sort.name == query.sort.name).then_some("true")]
+                { (sort.title) } " "
         } }
         p.muted { (query.sort.about) }
         form.fields method="get" action="/excitation" {
             input type="hidden" name="kind" value=(query.sort.name);
-            @for field in query.sort.fields.iter().chain(&COMMON) { (entry(field, query.text(field.0), wrong(field.0))) }
+            @for field in query.sort.fields.iter().chain(&COMMON) { (entry(field, query.text(field.0), wrong(field.0)))
+                }
             details open[LIMITS.iter().any(|(name, ..)| !query.text(name).is_empty())] {
                 summary { "Limits of the device" }
                 @for field in &LIMITS { (entry(field, query.text(field.0), wrong(field.0))) }

@@ -42,14 +42,17 @@ fn empty() -> Markup {
                     code.block { "volition demo --database demo.db --serve" }
                 }
                 li {
-                    p { b { "Bring recordings." } " " a href="/studies/new" { "Make a study" } " and its plant, then drop files; or a "
+                    p { b { "Bring recordings." } " " a href="/studies/new" { "Make a study" }
+                        " and its plant, then drop files; or a "
                         "whole folder with an index:" }
                     code.block { "volition import FOLDER --database lab.db" }
                 }
                 li {
-                    p { b { "Over the interface." } " It answers with the study's id, for plants, subjects and trials:" }
+                    p { b { "Over the interface." } " It answers with the study's id, for plants, subjects and trials:"
+                        }
                     code.block {
-                        "curl -H 'content-type: application/json' -d '{\"name\": \"My study\"}' http://127.0.0.1:8080/v1/studies"
+                        "curl -H 'content-type: application/json' -d '{\"name\": \"My study\"}' "
+                        "http://127.0.0.1:8080/v1/studies"
                     }
                     p { a href="/docs" { "Every route" } " with its form." }
                 }
@@ -90,7 +93,8 @@ fn filled(studies: &[StudyOverview], failed: &[AnalysisRecord], running: &[Analy
                         }
                     }
                     tbody {
-                        @for StudyOverview { study, subjects, trials, analysed, queued, running, failed, changed_at } in studies {
+                        @for StudyOverview { study, subjects, trials, analysed, queued, running, failed, changed_at } in
+                            studies {
                             tr {
                                 th scope="row" { a href={ "/studies/" (study.id) } { (study.name) } }
                                 td.number { (subjects) }

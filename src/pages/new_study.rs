@@ -52,7 +52,8 @@ fn shown(frame: &Frame, text: &dyn Fn(&str) -> String, problem: Option<&Problem>
         }
         (card("Study and plant", &html! {}, &html! {
             form.fields method="post" action="/studies/new" {
-                @for (name, title, hint, _) in &FIELDS { (entry(name, title, hint, &text(name), place == format!("field {name}"))) }
+                @for (name, title, hint, _) in &FIELDS { (entry(name, title, hint, &text(name), place ==
+                    format!("field {name}"))) }
                 p { button.strong type="submit" { "Make it" } }
             }
         }))
@@ -68,7 +69,8 @@ fn entry(name: &str, title: &str, hint: &str, text: &str, is_wrong: bool) -> Mar
             @if name == "description" {
                 textarea id=(name) name=(name) rows="3" { (text) }
             } @else {
-                input type="text" id=(name) name=(name) value=(text) required[matches!(name, "name" | "plant" | "num" | "den")]
+                input type="text" id=(name) name=(name) value=(text) required[matches!(name, "name" | "plant" | "num" |
+                    "den")]
                     aria-describedby=[(!hint.is_empty()).then(|| format!("{name}-hint"))]
                     aria-invalid=[is_wrong.then_some("true")];
             }
@@ -96,8 +98,7 @@ fn read(text: &dyn Fn(&str) -> String) -> Result<(NewStudy, NewPlant), Problem> 
         description: checked_description(&text("description"), "field description")?,
         display_limit: limit.map(|limit| checked_display_limit(limit, "field display_limit")).transpose()?,
     };
-    let mut model =
-        json!({"num": numbers("num")?, "den": numbers("den")?, "sample_time_s": number("sample_time_s")?});
+    let mut model = json!({"num": numbers("num")?, "den": numbers("den")?, "sample_time_s": number("sample_time_s")?});
     if let Some(delay_s) = number("delay_s")? {
         model["delay_s"] = json!(delay_s);
     }
@@ -126,9 +127,8 @@ pub(super) async fn send(
     Params(()): Params<()>,
     Form(pairs): Form<Vec<(String, String)>>,
 ) -> ApiResult<Response> {
-    let text = |name: &str| {
-        pairs.iter().find(|(own, _)| own == name).map_or("", |(_, text)| text.as_str()).trim().to_owned()
-    };
+    let text =
+        |name: &str| pairs.iter().find(|(own, _)| own == name).map_or("", |(_, text)| text.as_str()).trim().to_owned();
     let (study, plant) = match read(&text) {
         Ok(both) => both,
         Err(problem) => return Ok(shown(&frame, &text, Some(&problem))),

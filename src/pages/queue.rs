@@ -3,8 +3,8 @@
 use super::frame::Frame;
 use super::layout::{Head, Place, card, page as whole};
 use super::numbers::{ago, duration, moment};
-use crate::analysis::ids::AnalysisId;
 use super::svg::Drawn;
+use crate::analysis::ids::AnalysisId;
 use crate::api::{ApiResult, AppState, Params, drawing, queue_figure};
 use crate::jobs::Status;
 use crate::store::{AnalysisRecord, FirstTrial};
@@ -100,7 +100,8 @@ fn row(analysis: &AnalysisRecord, named: Option<&FirstTrial>) -> Markup {
             td {
                 @match named {
                     Some(FirstTrial { code, number, trials: 1 }) => { (code) ", trial " (number) },
-                    Some(FirstTrial { code, number, trials }) => { (code) ", trial " (number) " and " (trials - 1) " more" },
+                    Some(FirstTrial { code, number, trials }) => { (code) ", trial " (number) " and " (trials - 1)
+                        " more" },
                     None => "data of the request",
                 }
             }
@@ -141,7 +142,8 @@ pub(super) fn bar(analysis: &AnalysisRecord) -> Markup {
             progress max="100" value=(format!("{share:.0}")) aria-label="Progress" {}
             " " span.share { (format!("{share:.0} %")) }
             @if let Some(left) = analysis.eta_s { span.left { " · " (duration(left)) " left" } }
-            @if let Some(bracket) = analysis.bracket { span.gap { " · gap " (format!("{:.1} %", 100.0 * bracket.gap())) } }
+            @if let Some(bracket) = analysis.bracket { span.gap { " · gap " (format!("{:.1} %", 100.0 * bracket.gap()))
+                } }
         }
     }
 }

@@ -148,8 +148,10 @@ fn body(found: &Reported) -> Markup {
         (card("Recorded", &html! {}, &recorded(found)))
         (card("Who learned what", &html! {}, &sentences::markup(&found.told)))
         @for figure in &found.figures { (figure.single()) }
-        @for metric in QUANTITIES.into_iter().filter(|metric| found.estimator.is_some() || *metric == Metric::MeanAbsError) {
-            (card(title(metric), &html! {}, &table(&found.curves, metric)))
+        @for metric in QUANTITIES {
+            @if found.estimator.is_some() || metric == Metric::MeanAbsError {
+                (card(title(metric), &html! {}, &table(&found.curves, metric)))
+            }
         }
         @if !found.remarks.is_empty() {
             (card("To be read before the numbers are used", &html! {}, &html! {
@@ -162,11 +164,18 @@ fn body(found: &Reported) -> Markup {
         (card("How", &html! {}, &methods(found)))
         (card("References", &html! {}, &html! {
             ul.plain {
-                li { "X. Zhang, " i { "A Subsystem Identification Approach to Modeling Human Control Behavior and Studying Human Learning" }
+                li { "X. Zhang, "
+                    i {
+                        "A Subsystem Identification Approach to Modeling Human Control Behavior and Studying Human "
+                        "Learning"
+                    }
                     ", PhD dissertation, University of Kentucky, 2015: the norms and the learning metrics." }
-                li { "L. Ljung, " i { "System Identification: Theory for the User" } ", 2nd edition, 1999; U. Forssell, L. Ljung, "
-                    i { "Closed-loop identification revisited" } ", Automatica 35, 1215–1241, 1999: prediction errors." }
-                li { "Knapp, Hartung, " i { "Improved tests for a random effects meta-regression with a single covariate" }
+                li { "L. Ljung, " i { "System Identification: Theory for the User" }
+                    ", 2nd edition, 1999; U. Forssell, L. Ljung, "
+                    i { "Closed-loop identification revisited" } ", Automatica 35, 1215–1241, 1999: prediction "
+                    "errors." }
+                li { "Knapp, Hartung, " i {
+                    "Improved tests for a random effects meta-regression with a single covariate" }
                     ", Statistics in Medicine 22, 2693–2710, 2003: means over people." }
                 li { "Holm, " i { "A simple sequentially rejective multiple test procedure" }
                     ", Scandinavian Journal of Statistics 6, 65–70, 1979: several tests." }
@@ -191,14 +200,16 @@ fn recorded(found: &Reported) -> Markup {
         @if !found.study.description.is_empty() { p { (found.study.description) } }
         p {
             (count(found.people as u64, "subject", "subjects")) " in "
-            (count(found.curves.groups.len() as u64, "group", "groups")) ", " (count(found.trials as u64, "trial", "trials")) "; "
+            (count(found.curves.groups.len() as u64, "group", "groups")) ", "
+                (count(found.trials as u64, "trial", "trials")) "; "
             (count(done, "analysis", "analyses")) " finished, " (failed) " failed."
         }
         div.scroll tabindex="0" role="region" aria-label="Plants" {
             table {
                 caption { "Plants" }
                 thead { tr { th scope="col" { "Plant" } th scope="col" { "Model" } } }
-                tbody { @for plant in &found.plants { tr { th scope="row" { (plant.name) } td { code { (model(plant)) } } } } }
+                tbody { @for plant in &found.plants { tr { th scope="row" { (plant.name) } td
+                    { code { (model(plant)) } } } } }
             }
         }
     }
@@ -214,14 +225,17 @@ fn table(curves: &StudyLearningCurves, metric: Metric) -> Markup {
     html! {
         (counts(&grid.levels()))
         @for group in &curves.groups {
-            div.scroll tabindex="0" role="region" aria-label={ (symbol(metric)) " of " (group.group.as_deref().unwrap_or("all")) } {
+            div.scroll tabindex="0" role="region" aria-label={ (symbol(metric)) " of "
+                (group.group.as_deref().unwrap_or("all")) } {
                 table {
-                    caption { (group.group.as_deref().unwrap_or("Without a group")) " on " (group.plant.name) ", " (symbol(metric)) ", by trial" }
+                    caption { (group.group.as_deref().unwrap_or("Without a group")) " on " (group.plant.name) ", "
+                        (symbol(metric)) ", by trial" }
                     tbody { @for subject in &group.subjects {
                         tr {
                             th scope="row" { (subject.code) }
                             td { @for point in &subject.curve.points {
-                                span.value { (point.number) ": " (point.value(metric).map_or_else(|| "–".to_owned(), three))
+                                span.value { (point.number) ": " (point.value(metric).map_or_else(|| "–".to_owned(),
+                                    three))
                                     @if point.level(metric) > Level::Ok { " " (point.level(metric).sign()) } }
                                 " "
                             } }
@@ -230,7 +244,8 @@ fn table(curves: &StudyLearningCurves, metric: Metric) -> Markup {
                 }
             }
         }
-        p.muted { (Level::Read.sign()) " " (Level::Read.words()) ", " (Level::DoNotUse.sign()) " " (Level::DoNotUse.words()) "." }
+        p.muted { (Level::Read.sign()) " " (Level::Read.words()) ", " (Level::DoNotUse.sign()) " "
+            (Level::DoNotUse.words()) "." }
     }
 }
 
@@ -248,17 +263,21 @@ fn methods(found: &Reported) -> Markup {
             "The tracking error is the mean of |r − y| over a trial. "
             @match found.estimator {
                 Some(estimator) => {
-                    "Feedforward Gff and feedback Gfb were estimated from each trial by " b { (estimator_name(estimator)) }
-                    " (" code { (estimator.name()) } "; spec " (specs.join(", ")) "). ‖·‖ is the mean magnitude over the identified band. "
+                    "Feedforward Gff and feedback Gfb were estimated from each trial by " b
+                        { (estimator_name(estimator)) }
+                    " (" code { (estimator.name()) } "; spec " (specs.join(", "))
+                        "). ‖·‖ is the mean magnitude over the identified band. "
                 }
                 None => { "Nothing was identified yet. " }
             }
             "The change of a group is the mean over people of the last value less the first, by random effects with "
             "Knapp–Hartung intervals; p-values are adjusted after Holm. "
             @if let Some(limit) = found.study.display_limit {
-                "Trials whose |y| passes the display limit of " (number(limit, 4)) " are divergent, and left out of curves. "
+                "Trials whose |y| passes the display limit of " (number(limit, 4))
+                    " are divergent, and left out of curves. "
             }
-            "A value that is marked " (chip(Level::DoNotUse, Level::DoNotUse.words())) " says more about the method than about the "
+            "A value that is marked " (chip(Level::DoNotUse, Level::DoNotUse.words()))
+                " says more about the method than about the "
             "person (rule of trust, version " (RULE_VERSION) "); it stays in means, which then say so."
         }
         p.muted {

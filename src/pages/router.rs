@@ -1,7 +1,8 @@
 //! The addresses of pages, and the layers around them.
 
 use super::{
-    analysis, assets, compare, excitation, gate, home, new_study, problems, queue, report, start, study, subject, trial, upload,
+    analysis, assets, compare, excitation, gate, home, new_study, problems, queue, report, start, study, subject,
+    trial, upload,
 };
 use crate::api::{AppState, router_with};
 use axum::Router;

@@ -125,7 +125,8 @@ impl Step {
         let what = phrase(self.metric);
         let n = self.pairs.len();
         if n == 0 {
-            return html! { b { "No statement" } " about " (what.trim_end_matches(',')) ": nobody has both a first and a last value. " };
+            return html! { b { "No statement" } " about " (what.trim_end_matches(','))
+            ": nobody has both a first and a last value. " };
         }
         let (from, to) = (self.mean(0), self.mean(1));
         if let Some(refusal) = self.statement.refusal() {

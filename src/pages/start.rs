@@ -285,7 +285,8 @@ fn form(query: &StartQuery, fields: &[Field], filled: &Filled) -> Markup {
                 @let text = filled.texts.get(&field.name).and_then(Value::as_str).unwrap_or_default();
                 (entry(field, text, wrong(&field.name).or(problem(&field.name))))
             }
-            (area("rest", "Everything else", "Members of the spec that have no field here, as JSON.", &filled.rest, wrong("rest")))
+            (area("rest", "Everything else", "Members of the spec that have no field here, as JSON.", &filled.rest,
+                wrong("rest")))
             p {
                 button type="submit" name="do" value="check" { "Check" } " "
                 button.strong type="submit" name="do" value="start" { "Start" }
@@ -339,11 +340,13 @@ fn entry(field: &Field, text: &str, wrong: Option<&str>) -> Markup {
                     }
                 }
                 Input::Number { is_whole, least, most } => {
-                    input type="number" id=(id) name=(own) value=(text) placeholder=[usual] aria-describedby={ (id) "-hint" }
+                    input type="number" id=(id) name=(own) value=(text) placeholder=[usual]
+                        aria-describedby={ (id) "-hint" }
                         step=(if *is_whole { "1" } else { "any" }) min=[*least] max=[*most];
                 }
                 Input::Numbers | Input::Text => {
-                    input type="text" id=(id) name=(own) value=(text) placeholder=[usual] aria-describedby={ (id) "-hint" };
+                    input type="text" id=(id) name=(own) value=(text) placeholder=[usual]
+                        aria-describedby={ (id) "-hint" };
                 }
             }
             @if let Some(why) = wrong { p.wrong role="alert" { (why) } }

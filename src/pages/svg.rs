@@ -50,7 +50,8 @@ impl Drawn {
 
     /// The figure as a card without files of its own.
     pub(super) fn plain(&self, more: &Markup) -> Markup {
-        html! { section.card.figure data-name=(self.name) { div.card-head { h2 { (self.title) } (more) } (self.plot()) } }
+        html! { section.card.figure data-name=(self.name) { div.card-head { h2 { (self.title) } (more) } (self.plot()) }
+        }
     }
 
     /// The figure and its caption alone, for a card that has more in it.

@@ -170,10 +170,12 @@ pub(super) async fn page(
         div.sided {
             div {
                 (own.card(&format!("{api}/figures/{}", signals::NAME), &zoom_form(view)))
-                @if let Some(check) = &check { (check.card(&format!("{api}/figures/{}", plant_check::NAME), &html! {})) }
+                @if let Some(check) = &check { (check.card(&format!("{api}/figures/{}", plant_check::NAME), &html! {}))
+                    }
             }
             div {
-                (card("Can it be trusted?", &html! {}, &panel(&frame, record, &judged, &with_answer, finding.as_deref())))
+                (card("Can it be trusted?", &html! {}, &panel(&frame, record, &judged, &with_answer,
+                    finding.as_deref())))
                 @if !warned.is_empty() { (card("Warnings", &html! {}, &warnings::list(&warned))) }
             }
         }
@@ -281,11 +283,13 @@ fn list(analyses: &[AnalysisRecord], chosen: Option<&AnalysisRecord>) -> Markup 
                 ul.plain {
                     @for analysis in analyses.iter().rev() {
                         li {
-                            a href={ "/analyses/" (analysis.id) } { (analysis.kind.name()) } " · " (analysis.status.name())
+                            a href={ "/analyses/" (analysis.id) } { (analysis.kind.name()) } " · "
+                                (analysis.status.name())
                             " · spec " code { (eight(&analysis.spec_sha256)) } " · " (ago(analysis.created_at))
                             @if chosen.is_some_and(|own| own.id == analysis.id) { " · shown above" }
                             @else if analysis.status == crate::jobs::Status::Succeeded {
-                                " · " a href={ "?analysis=" (analysis.id) } { "show" span.hidden { " " (analysis.kind.name()) } }
+                                " · " a href={ "?analysis=" (analysis.id) }
+                                    { "show" span.hidden { " " (analysis.kind.name()) } }
                             }
                         }
                     }

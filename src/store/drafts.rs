@@ -212,7 +212,8 @@ impl Store {
     /// others stay in the draft.
     ///
     /// # Errors
-    /// [`StoreError::NotFound`] (draft, plant), [`StoreError::Conflict`] (`trial_number_taken`), [`StoreError::Damaged`]
+    /// [`StoreError::NotFound`] (draft, plant), [`StoreError::Conflict`] (`trial_number_taken`),
+    /// [`StoreError::Damaged`]
     /// where a hash given is not that of the content, the database's own.
     pub async fn store_draft(&self, id: DraftId, trials: Vec<DraftTrial>) -> StoreResult<Vec<Drafted>> {
         let apart = |DraftTrial { position, code, group, new }| (Whose { position, code, group }, new);

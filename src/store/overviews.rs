@@ -90,7 +90,8 @@ impl Store {
         .fetch_all(self.readers()?)
         .await?;
         let one = |row: &SqliteRow| {
-            let named = FirstTrial { code: get(row, "code")?, number: get(row, "number")?, trials: unsigned(row, "trials")? };
+            let named =
+                FirstTrial { code: get(row, "code")?, number: get(row, "number")?, trials: unsigned(row, "trials")? };
             Ok((parsed(row, "id")?, named))
         };
         rows.iter().map(one).collect()

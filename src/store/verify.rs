@@ -64,7 +64,8 @@ impl Verified {
 }
 
 /// Looks a database file over, without changing it: the integrity of its pages, its references, and every row with
-/// every hash: models, metrics, requests, reports and what is kept of them, each column of each recording and the recording as a whole.
+/// every hash: models, metrics, requests, reports and what is kept of them, each column of each recording and the
+/// recording as a whole.
 ///
 /// # Errors
 /// [`StoreError::CannotOpen`] where it is no database of this program, or of another step of its schema.

@@ -1,4 +1,5 @@
-//! Files that are looked at before they are stored: read as an upload reads them, one by one, so that one that cannot be
+//! Files that are looked at before they are stored: read as an upload reads them, one by one, so that one that cannot
+//! be
 //! read stops no other.
 
 use super::files::{self, Budget, File};

@@ -115,7 +115,8 @@ fn understood(found: &Preview) -> Markup {
                         th.number scope="col" { (signal) " ← " (name) @if let Some(unit) = unit { " (" (unit) ")" } }
                     }
                 } }
-                tbody { @for row in 0..rows { tr { @for (signal, ..) in &columns { td.number { (value(signal, row)) } } } } }
+                tbody { @for row in 0..rows { tr { @for (signal, ..) in &columns { td.number { (value(signal, row)) } }
+                    } } }
             }
         }
     }
@@ -145,12 +146,14 @@ fn fields(place: usize, look: &Look, lab: &Lab, found: Option<&Preview>) -> Mark
     html! {
         div.row {
             label.check {
-                input type="checkbox" name=(own("take")) value="yes" checked[look.settings.takes().unwrap_or(look.same.is_none())];
+                input type="checkbox" name=(own("take")) value="yes"
+                    checked[look.settings.takes().unwrap_or(look.same.is_none())];
                 " Store it"
             }
             label { "Subject" (guessed(text("subject").is_empty() && look.guess.subject.is_some()))
                 input type="text" name=(own("subject")) value=(code) list="people" autocomplete="off"; }
-            @if is_new { label { "Group of the new subject" input type="text" name=(own("group")) value=(text("group")); } }
+            @if is_new { label { "Group of the new subject" input type="text" name=(own("group")) value=(text("group"));
+                } }
             label { "Plant"
                 select name=(own("plant")) {
                     @if look.plant.is_none() { option value="" { "choose" } }
@@ -162,7 +165,8 @@ fn fields(place: usize, look: &Look, lab: &Lab, found: Option<&Preview>) -> Mark
             label { "Trial" (guessed(text("number").is_empty() && look.guess.number.is_some()))
                 input type="text" inputmode="numeric" name=(own("number")) value=(said("number", look.guess.number))
                     placeholder=(as_number(look.number)); }
-            label { "Session" input type="text" inputmode="numeric" name=(own("session")) value=(said("session", look.guess.session)) placeholder="none"; }
+            label { "Session" input type="text" inputmode="numeric" name=(own("session"))
+                value=(said("session", look.guess.session)) placeholder="none"; }
         }
         details open[!look.mend.is_empty() && found.is_none()] {
             summary { "Columns and time" }
@@ -170,20 +174,24 @@ fn fields(place: usize, look: &Look, lab: &Lab, found: Option<&Preview>) -> Mark
                 @for (signal, what) in SIGNALS {
                     label { (signal) ", " (what)
                         input type="text" name=(own(signal)) value=(text(signal)) list={ "columns-" (place) }
-                            placeholder=(taken(signal).unwrap_or(if signal == "t" || signal == "d" { "none" } else { "not found" })); }
+                            placeholder=(taken(signal).unwrap_or(if signal == "t" || signal == "d" { "none" } else
+                                { "not found" })); }
                 }
                 label { "Time counts"
                     select name=(own("time_unit")) {
                         option value="" { "as the file says, or s" }
-                        @for unit in ["s", "ms", "us", "ns", "samples"] { option value=(unit) selected[text("time_unit") == unit] { (unit) } }
+                        @for unit in ["s", "ms", "us", "ns", "samples"]
+                            { option value=(unit) selected[text("time_unit") == unit] { (unit) } }
                     }
                 }
-                label { "Sample time (s)" input type="text" inputmode="decimal" name=(own("sample_time_s")) value=(text("sample_time_s"))
+                label { "Sample time (s)" input type="text" inputmode="decimal" name=(own("sample_time_s"))
+                    value=(text("sample_time_s"))
                     placeholder=(found.map(|found| found.new.trial.sample_time_s.to_string()).unwrap_or_default()); }
                 label { "Uneven times"
                     select name=(own("resample")) {
                         option value="" { "are refused" }
-                        option value="linear" selected[text("resample") == "linear"] { "are brought to a grid, on straight lines" }
+                        option value="linear" selected[text("resample") == "linear"]
+                            { "are brought to a grid, on straight lines" }
                     }
                 }
             }

@@ -232,7 +232,8 @@ fn head(data: &[u8]) -> String {
     text.chars().map(|c| if c.is_control() && c != '\n' && c != '\t' { '·' } else { c }).collect()
 }
 
-/// The numbers of all files: as said or guessed, else the next free ones; a number that another trial has is to be mended.
+/// The numbers of all files: as said or guessed, else the next free ones; a number that another trial has is to be
+/// mended.
 fn number_all(files: &mut [Look], lab: &Lab) {
     let mut taken: BTreeMap<(String, Option<i64>), BTreeSet<i64>> = BTreeMap::new();
     for trial in &lab.trials {

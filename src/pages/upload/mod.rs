@@ -98,7 +98,8 @@ pub(super) async fn page(
     let study = state.store.study(study).await?;
     head.crumbs.push((study.name.clone(), format!("/studies/{}", study.id)));
     head.lead = html! {
-        "To " (study.name) @if let Some(code) = &code { ", from " (code) } ". Files are looked at first: nothing is stored "
+        "To " (study.name) @if let Some(code) = &code { ", from " (code) }
+            ". Files are looked at first: nothing is stored "
         "before you say so."
     };
     Ok(whole(&frame, &head, &chooser(&query.address())))
@@ -115,8 +116,9 @@ fn chooser(address: &str) -> Markup {
                     b { "Drop files here, or choose them:" } " "
                     input type="file" name="files" multiple required;
                     span.muted {
-                        "Tables as text (.csv, .tsv, .txt), MATLAB (.mat), NumPy (.npy, .npz), Excel (.xlsx), HDF5, JSON; packed "
-                        "or not, or a folder as .zip. Columns t, r, u, y and d, or any others: which is which can be said next."
+                        "Tables as text (.csv, .tsv, .txt), MATLAB (.mat), NumPy (.npy, .npz), Excel (.xlsx), HDF5, "
+                        "JSON; packed or not, or a folder as .zip. Columns t, r, u, y and d, or any others: which is "
+                        "which can be said next."
                     }
                 }
                 p { button.strong type="submit" { "Look at them" } }
@@ -201,7 +203,8 @@ async fn shown(
     let stored: Vec<TrialId> = draft.files.iter().filter_map(|file| file.trial).collect();
     let open = files.iter().filter(|look| look.is_open()).count();
     head.lead = html! {
-        (count(draft.files.len() as u64, "file", "files")) " for " (lab.study.name) " · " (stored.len()) " stored, " (open)
+        (count(draft.files.len() as u64, "file", "files")) " for " (lab.study.name) " · " (stored.len()) " stored, "
+            (open)
         " not yet"
     };
     let body = crate::api::drawing(state, {
@@ -258,7 +261,8 @@ fn written(
             .map(|look| look.name.as_str()).collect();
         @if !beside.is_empty() {
             (in_card("Beside them", &html! {}, &html! {
-                p { "Taken for what stands beside the tables of Motion-BIDS, and not stored as trials: " (beside.join(", ")) "." }
+                p { "Taken for what stands beside the tables of Motion-BIDS, and not stored as trials: "
+                    (beside.join(", ")) "." }
             }))
         }
     }
@@ -277,7 +281,8 @@ fn after(id: DraftId, lab: &Lab, files: &[Look], stored: usize, open: usize) -> 
         &html! {
             p role="status" { b { (count(stored as u64, "trial is stored", "trials are stored")) } (more) "." }
             ul.plain { @for look in files {
-                @if let look::Outcome::Stored(trial) = &look.outcome { li { a href={ "/trials/" (trial) } { (look.name) } } }
+                @if let look::Outcome::Stored(trial) = &look.outcome { li
+                    { a href={ "/trials/" (trial) } { (look.name) } } }
             } }
             form method="post" action={ "/upload/" (id) } {
                 button.strong type="submit" name="do" value="identify" { "Identify them now" }
@@ -317,7 +322,8 @@ pub(super) async fn act(
     let (_, files) = look_at(&state, &draft).await?;
     match state.store.store_draft(id, to_store(files)).await {
         Ok(_) => Ok(here.into_response()),
-        // Somebody stored another trial of that number meanwhile, or deleted the plant: nothing is stored, and shown why.
+        // Somebody stored another trial of that number meanwhile, or deleted the plant: nothing is stored, and shown
+        // why.
         Err(error @ crate::store::StoreError::Conflict { .. }) => {
             let error = crate::api::ApiError::from(error);
             let own = error.problem();

@@ -105,7 +105,8 @@ pub(super) struct Guess {
 const MOST_DIGITS: usize = 5;
 
 impl Guess {
-    /// From the name of a file, among people who are known: `S03_t12.csv`, `sub-07_ses-2_run-04.tsv`, `MP01/trial 5.mat`.
+    /// From the name of a file, among people who are known: `S03_t12.csv`, `sub-07_ses-2_run-04.tsv`, `MP01/trial
+    /// 5.mat`.
     pub(super) fn of(name: &str, codes: &[String]) -> Self {
         let lower = name.to_lowercase();
         let known = codes.iter().filter(|code| lower.contains(&code.to_lowercase())).max_by_key(|code| code.len());

@@ -5,7 +5,7 @@ use crate::api::harness::TestServer;
 use serde_json::json;
 
 /// Sends a form as a browser does.
-async fn send(server: &TestServer, path: &str, fields: &[(&str, &str)]) -> Seen {
+pub(super) async fn send(server: &TestServer, path: &str, fields: &[(&str, &str)]) -> Seen {
     let client = reqwest::Client::builder().redirect(reqwest::redirect::Policy::none()).build().unwrap();
     let encoded = |text: &str| text.bytes().map(|byte| format!("%{byte:02X}")).collect::<String>();
     let body: Vec<String> = fields.iter().map(|(name, text)| format!("{}={}", encoded(name), encoded(text))).collect();

@@ -1,5 +1,6 @@
 //! Recordings that are looked at before they are stored.
 
+use super::start::send;
 use super::{SAMPLE_TIME_S, page, simulated, stands_alone};
 use crate::api::harness::TestServer;
 use reqwest::multipart::{Form, Part};
@@ -18,11 +19,9 @@ async fn sent(server: &TestServer, address: &str, files: Vec<(&str, Vec<u8>)>) -
 }
 
 async fn posted(server: &TestServer, path: &str, fields: &[(&str, &str)]) -> (u16, String, String) {
-    let client = reqwest::Client::builder().redirect(reqwest::redirect::Policy::none()).build().unwrap();
-    let answer = client.post(server.url(path)).header("accept", "text/html").form(fields).send().await.unwrap();
-    let status = answer.status().as_u16();
-    let place = answer.headers().get("location").map(|place| place.to_str().unwrap().to_owned());
-    (status, place.unwrap_or_default(), answer.text().await.unwrap())
+    let seen = send(server, path, fields).await;
+    let place = seen.headers.get("location").map(|place| place.to_str().unwrap().to_owned());
+    (seen.status, place.unwrap_or_default(), seen.text)
 }
 
 /// The same recording with other names of columns, and times in milliseconds.
@@ -164,16 +163,16 @@ async fn a_number_that_is_taken_stores_nothing_and_says_so() {
         }
         fields
     };
-    let send = async |fields: Vec<(String, String)>, what: &str| {
+    let filled_in = async |fields: Vec<(String, String)>, what: &str| {
         let mut all: Vec<(&str, &str)> = fields.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
         all.push(("do", what));
         posted(&server, &place, &all).await
     };
-    send(both("8"), "look").await;
+    filled_in(both("8"), "look").await;
     let seen = page(&server, &place).await;
     seen.has("The number is taken");
     seen.has("Store 1 of 2 trials");
-    send(both("8"), "store").await;
+    filled_in(both("8"), "store").await;
     assert_eq!(server.census().await[3], 2);
     page(&server, &place).await.has("1 trial is stored; 1 file stays below, with the reason.");
     server.finish().await;
