@@ -21,8 +21,7 @@
 //! - [`analysis`]: a request becomes a checked analysis, and that a [`Report`](analysis::Report);
 //! - [`exchange`]: files as labs have them, read into trials;
 //! - [`jobs`], [`store`], [`worker`], [`api`], [`pages`]: analyses as durable jobs, kept in SQLite, computed by
-//! workers,
-//!   asked for over HTTP, and looked at in a browser;
+//!   workers, asked for over HTTP, and looked at in a browser;
 //! - [`app`], [`cli`], [`config`], [`telemetry`]: the parts put together.
 //!
 //! A system has its time base in its type, and cannot meet one of another:

@@ -110,10 +110,10 @@ pub(super) async fn page(
         } @else {
             @if let Some(warning) = mixed(&comparison) { section.card.problem role="note" { p { b { (warning) } } } }
             (choices(&frame, &found, estimator, query.curve))
+            (card("Quantities", &html! { p.files { a href=(numbers) { "JSON" } } }, &table(&comparison)))
             (card("What was found", &html! {}, &html! {
                 ul.plain { @for finding in &comparison.findings { li { (finding) } } }
             }))
-            (card("Quantities", &html! { p.files { a href=(numbers) { "JSON" } } }, &table(&comparison)))
             div.pair { @for (metric, drawn) in &figures {
                 (drawn.card(&format!("{api}/figures/{}?estimator={}", name_of(*metric), estimator.name()), &html! {}))
             } }

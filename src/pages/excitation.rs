@@ -228,7 +228,7 @@ impl ExcitationQuery {
     fn judged(&self) -> Result<Report, Problem> {
         let request = self.request()?;
         let samples = self.samples()?;
-        if !(samples <= MOST_SAMPLES) {
+        if samples.is_nan() || samples > MOST_SAMPLES {
             return Err(Problem::new(
                 Code::TooLarge,
                 "too long for a page",
@@ -356,10 +356,20 @@ fn entry((name, title, takes, _): &Field, text: &str, wrong: Option<&str>) -> Ma
 /// The numbers of a design, and what speaks against it.
 fn found(report: &Report) -> Markup {
     let result = &report.result;
-    let parts: Vec<(&str, &Value)> = ["signal", "whole_band", "motion", "limits"]
-        .into_iter()
-        .filter_map(|name| Some((name, result.get(name).filter(|value| value.is_object())?)))
-        .collect();
+    // What has no value, or lists of its own, is in the JSON of an analysis.
+    let told = |value: &&Value| value.is_number() || value.is_string() || value.is_boolean();
+    let mut parts: Vec<(String, &Value)> = Vec::new();
+    for part in ["signal", "whole_band", "motion"] {
+        for (name, value) in result.get(part).and_then(Value::as_object).into_iter().flatten() {
+            let title = if part == "signal" { name.clone() } else { format!("{part} · {name}") };
+            if let Some(peak) = value.get("peak").filter(told) {
+                parts.push((format!("{title} · peak"), peak));
+            } else if told(&value) {
+                parts.push((title, value));
+            }
+        }
+    }
+    let parts: Vec<(&str, &Value)> = parts.iter().map(|(name, value)| (name.as_str(), *value)).collect();
     html! {
         (values::list(parts.into_iter(), three))
         @if report.warnings.is_empty() { p { "It carries no warning." } } @else {

@@ -15,7 +15,7 @@ use crate::api::{
 };
 use crate::figure::of::Units;
 use crate::figure::of::learning_curves::{learning_curve, title};
-use crate::figure::text::{number, three};
+use crate::figure::text::three;
 use crate::jobs::Status;
 use crate::learning::curves::Metric;
 use crate::learning::{Estimator, Remark, StudyLearningCurves, TrialSelection, study_learning_curves};
@@ -250,14 +250,11 @@ fn table(curves: &StudyLearningCurves, metric: Metric) -> Markup {
 }
 
 fn methods(found: &Reported) -> Markup {
-    let specs: Vec<String> = found
-        .curves
-        .groups
-        .iter()
-        .filter_map(|group| {
-            Some(format!("{} ({} trials)", eight(&group.spec.as_ref()?.spec_sha256), group.spec.as_ref()?.trials))
-        })
-        .collect();
+    let mut by_spec: BTreeMap<&str, usize> = BTreeMap::new();
+    for spec in found.curves.groups.iter().filter_map(|group| group.spec.as_ref()) {
+        *by_spec.entry(eight(&spec.spec_sha256)).or_default() += spec.trials;
+    }
+    let specs: Vec<String> = by_spec.iter().map(|(spec, trials)| format!("{spec} ({trials} trials)")).collect();
     html! {
         p {
             "The tracking error is the mean of |r − y| over a trial. "
@@ -273,7 +270,7 @@ fn methods(found: &Reported) -> Markup {
             "The change of a group is the mean over people of the last value less the first, by random effects with "
             "Knapp–Hartung intervals; p-values are adjusted after Holm. "
             @if let Some(limit) = found.study.display_limit {
-                "Trials whose |y| passes the display limit of " (number(limit, 4))
+                "Trials whose |y| passes the display limit of " (three(limit))
                     " are divergent, and left out of curves. "
             }
             "A value that is marked " (chip(Level::DoNotUse, Level::DoNotUse.words()))

@@ -189,7 +189,7 @@ for (const width of [1280, 400]) {
   const before = await stored();
   const button = "[...document.querySelectorAll('button[value=store]')][0]";
   assert.match(await page.value(`${button}.textContent`), /Store 1 of 3 trials/);
-  assert.equal(await page.value("document.querySelectorAll('.refusal').length"), 2, 'the photograph, and unknown columns');
+  assert.equal(await page.value("document.querySelectorAll('.refusal').length"), 3, 'the photograph, of nobody, and unknown columns');
   // Said by keyboard which column is which.
   await page.value("[...document.querySelectorAll('details')].forEach((one) => { one.open = true })");
   for (const [name, text] of Object.entries({ t: 'Clock', r: 'Target', u: 'Stick', y: 'Cursor' })) {
@@ -200,7 +200,7 @@ for (const width of [1280, 400]) {
   await page.value("document.querySelector('button[value=look]').click()");
   await page.until("/Store 2 of 3/.test(document.querySelector('button[value=store]')?.textContent)", 'the columns are understood');
   await page.value(`${button}.click()`);
-  await page.until("/2 trials are stored/.test(document.querySelector('main').textContent)", 'two are stored');
+  await page.until("/2 trials are stored/.test(document.querySelector('main')?.textContent)", 'two are stored');
   assert.equal(await stored(), before + 2);
   writeFileSync(join(out, 'draft-stored.png'), await page.picture());
   await judge(page, 'draft-stored', filled);
@@ -222,7 +222,7 @@ for (const width of [1280, 400]) {
   const page = await browser.page(1280, 'light');
   await page.go(`${filled}/analyses/new?kind=frequency_response&trial=${last}`);
   await page.value("document.querySelector('button[value=check]').click()");
-  await page.until("/It is in order/.test(document.querySelector('main').textContent)", 'the form is checked');
+  await page.until("/It is in order/.test(document.querySelector('main')?.textContent)", 'the form is checked');
   await judge(page, 'start-checked', filled);
   await page.value("document.querySelector('button[value=start]').click()");
   await page.until("location.pathname.startsWith('/analyses/') && document.querySelector('.status')?.textContent === 'succeeded'", 'it is computed');
@@ -253,7 +253,7 @@ for (const width of [1280, 400]) {
   const made = await post('/v1/analyses', { kind: 'ssid', inputs: { trial: last }, spec });
   await page.go(`${filled}/analyses/${made.id}`);
   await page.value('window.mark = 7');
-  await page.until("document.querySelector('.status').textContent === 'succeeded'", 'the analysis is followed to its end', 280000);
+  await page.until("document.querySelector('.status')?.textContent === 'succeeded'", 'the analysis is followed to its end', 280000);
   await page.until("[...document.querySelectorAll('h2')].some((one) => one.textContent === 'What it found')", 'the result is shown');
   assert.equal(await page.value('window.mark'), 7, 'the page was loaded again');
   await judge(page, 'analysis-followed', filled);
@@ -261,7 +261,7 @@ for (const width of [1280, 400]) {
 
   const long = await post('/v1/analyses', { kind: 'ssid', inputs: { trial: found.trials[0].id }, spec: thinned(2, 2, 1) });
   await page.go(`${filled}/analyses/${long.id}`);
-  await page.until("document.querySelector('.status').textContent === 'running' && document.querySelector('progress')", 'it runs');
+  await page.until("document.querySelector('.status')?.textContent === 'running' && document.querySelector('progress')", 'it runs');
   writeFileSync(join(out, 'analysis-running.png'), await page.picture());
   await judge(page, 'analysis-running', filled);
   await page.value("document.querySelector('.heading form button').click()");

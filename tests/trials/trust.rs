@@ -150,6 +150,10 @@ async fn what_is_not_to_be_used_is_far_from_the_truth_more_often() {
         good[1]
     );
     assert!(is_higher(bad, good), "the rule does not separate: {bad:?} {good:?}");
+    for estimator in ["prediction_error", "ssid", "ssid_refined"] {
+        let Rates { bad, good } = rates(all.iter().filter(|own| own.estimator == estimator));
+        assert!(is_higher(bad, good), "{estimator}: {bad:?} of the bad, {good:?} of the good");
+    }
     // The page has these counts, so that a change of the rule is seen there.
     for line in lines.iter().chain(&codes) {
         assert!(page.contains(line), "docs/trust.md has not\n{line}\nbut\n{}\n{}", lines.join("\n"), codes.join("\n"));

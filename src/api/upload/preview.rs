@@ -4,7 +4,7 @@
 
 use super::files::{self, Budget, File};
 use super::keep::{Said, parse};
-use crate::analysis::{Problem, Warning};
+use crate::analysis::{Code, Problem, Warning};
 use crate::api::extract::{media_type, off_thread, read_body, unsupported};
 use crate::api::problem::{ApiResult, internal};
 use crate::api::state::{AppState, Limits};
@@ -12,6 +12,9 @@ use crate::exchange::{Options, Understood, archive, bids};
 use crate::store::{NewTrial, Plant};
 use axum::body::Body;
 use axum::http::{HeaderMap, header};
+
+/// Bytes of all files that are looked at together, unpacked from an archive.
+const MOST_BYTES: usize = 256 << 20;
 
 /// What is said of a file.
 #[derive(Debug, Clone)]
@@ -69,7 +72,15 @@ fn taken_apart(sent: Vec<File>, limits: &Limits) -> ApiResult<Vec<(String, Vec<u
     if all.len() > limits.max_multipart_files {
         let detail =
             format!("there are {} files, and {} are looked at together", all.len(), limits.max_multipart_files);
-        return Err(Problem::new(crate::analysis::Code::TooLarge, "too many files", detail)
+        return Err(Problem::new(Code::TooLarge, "too many files", detail)
+            .at("body")
+            .mend("Send them in several portions.")
+            .into());
+    }
+    let bytes: usize = all.iter().map(|(_, bytes)| bytes.len()).sum();
+    if bytes > MOST_BYTES {
+        let detail = format!("the files have {bytes} bytes, and {MOST_BYTES} are looked at together");
+        return Err(Problem::new(Code::TooLarge, "too much at once", detail)
             .at("body")
             .mend("Send them in several portions.")
             .into());

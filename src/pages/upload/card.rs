@@ -174,8 +174,7 @@ fn fields(place: usize, look: &Look, lab: &Lab, found: Option<&Preview>) -> Mark
                 @for (signal, what) in SIGNALS {
                     label { (signal) ", " (what)
                         input type="text" name=(own(signal)) value=(text(signal)) list={ "columns-" (place) }
-                            placeholder=(taken(signal).unwrap_or(if signal == "t" || signal == "d" { "none" } else
-                                { "not found" })); }
+                            placeholder=(taken(signal).unwrap_or(lacking(signal))); }
                 }
                 label { "Time counts"
                     select name=(own("time_unit")) {
@@ -199,6 +198,11 @@ fn fields(place: usize, look: &Look, lab: &Lab, found: Option<&Preview>) -> Mark
             p.muted { "A column by its name, or by its position from 1. Empty: as it was understood." }
         }
     }
+}
+
+/// What is said of a signal that the file has not: time and disturbance may be missing.
+fn lacking(signal: &str) -> &'static str {
+    if ["t", "d"].contains(&signal) { "none" } else { "not found" }
 }
 
 fn pictures(look: &Look, lab: &Lab, units: &Units, found: &Preview) -> Markup {

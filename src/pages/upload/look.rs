@@ -158,12 +158,14 @@ impl Look {
         }
     }
 
-    /// How it is read, where enough is known.
+    /// How it is read, where enough is known: what is wrong with a file is said whosever it is.
     fn wish(&mut self, lab: &Lab) -> Option<Wish> {
-        if !self.is_open() || !self.mend.is_empty() {
+        if !self.is_open() {
             return None;
         }
-        let plant = lab.plants.iter().find(|plant| Some(plant.id) == self.plant)?.clone();
+        // What a file is does not hang on its plant: where that is not known yet, any will do to read it.
+        let named = lab.plants.iter().find(|plant| Some(plant.id) == self.plant);
+        let plant = named.or(lab.plants.first())?.clone();
         match self.settings.options() {
             Ok(options) => Some(Wish { plant, number: self.number, session: self.session, options }),
             Err(problem) => {
@@ -175,10 +177,14 @@ impl Look {
 
     /// Takes in what the file was read as.
     fn take(&mut self, read: Result<Preview, Problem>, lab: &Lab) {
-        let found = match read {
+        let mut found = match read {
             Ok(found) => found,
             Err(problem) => return self.mend.push(problem),
         };
+        if self.plant.is_none() {
+            // They would be about another plant.
+            found.warnings.clear();
+        }
         let trial = &found.new.trial;
         let seconds = trial.sample_time_s * trial.samples().saturating_sub(1) as f64;
         self.checked.push(format!(

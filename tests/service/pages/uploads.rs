@@ -73,7 +73,7 @@ async fn files_are_looked_at_mended_stored_and_identified() {
     seen.has("y follows from G·u through this plant to 0");
     assert!(seen.text.contains("data-figure=\"signals\"") && seen.text.contains("data-figure=\"plant_check\""));
     assert!(!seen.text.contains("<script>alert") && seen.text.contains("&lt;script&gt;alert(1)"));
-    assert_eq!(seen.text.matches("class=\"refusal\"").count(), 3, "{}", seen.words());
+    assert_eq!(seen.text.matches("class=\"refusal\"").count(), 4, "{}", seen.words());
 
     // Said which column is which, the second can be stored too; the wish stays in the draft.
     let fields = [
