@@ -197,7 +197,7 @@ async fn measure(store: &Store) -> Duration {
     let ids: Vec<_> = trials.iter().map(|trial| trial.id).collect();
     println!("{:>10.0} {:>10}  every trial of the study ({})", began.elapsed().as_secs_f64() * 1e3, "", ids.len());
     let began = Instant::now();
-    let found = store.reports_of_trials(&ids[..ids.len().min(400)], ssid::Plan::KIND, false).await.unwrap().found;
+    let found = store.estimates_of_trials(&ids[..ids.len().min(400)], None).await.unwrap().found;
     println!("{:>10.0} {:>10}  {} reports of 400 trials", began.elapsed().as_secs_f64() * 1e3, "", found.len());
     worst
 }

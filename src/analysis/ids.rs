@@ -41,4 +41,6 @@ identifiers! {
     TrialId;
     /// Identifies an analysis.
     AnalysisId;
+    /// Identifies files that were sent to be looked at.
+    DraftId;
 }

@@ -150,6 +150,28 @@ impl FromQuery for ComparisonQuery {
 }
 
 impl ComparisonQuery {
+    /// These groups or all, by an estimator, with these first and last values of people.
+    #[must_use]
+    pub(crate) fn by(groups: Option<Vec<String>>, estimator: Estimator, curve: CurveForm) -> Self {
+        let default = ComparisonOptions::default();
+        Self {
+            groups,
+            plant: None,
+            session: None,
+            estimator,
+            joint: false,
+            spec: None,
+            metrics: default.metrics,
+            contrasts: default.settings.contrasts,
+            curve,
+            correction: default.correction,
+            extrapolated: default.settings.leave_out_extrapolated,
+            right_control_threshold: default.right_control_threshold,
+            retention_trials: default.settings.retention_trials,
+            seed: default.settings.seed,
+        }
+    }
+
     fn options(&self) -> ComparisonOptions {
         let mut options = ComparisonOptions {
             metrics: self.metrics.clone(),
@@ -204,13 +226,19 @@ pub(crate) async fn of_study(
 ) -> ApiResult<Response> {
     let form = form.choose(&headers, forms::DOCUMENT)?;
     state.store.study(id).await?;
+    let comparison = compared(&state, id, &query).await?;
+    forms::document(&headers, form, "comparison", &comparison, tables::of_study)
+}
+
+/// The comparison that a query asks for.
+pub(crate) async fn compared(state: &AppState, study: StudyId, query: &ComparisonQuery) -> ApiResult<StudyComparison> {
     let options = query.options();
-    let mut gathered = gather(&state, id, None, None, &query.trials()).await?;
-    judge_starts(&state, &mut gathered, &options).await?;
+    let mut gathered = gather(state, study, None, None, &query.trials()).await?;
+    judge_starts(state, &mut gathered, &options).await?;
     let Gathered { subjects, mut remarks } = gathered;
     let mut comparison = off_thread(move || compare(&subjects, &options)).await?.map_err(problem)?;
     comparison.remarks.append(&mut remarks);
-    forms::document(&headers, form, "comparison", &comparison, tables::of_study)
+    Ok(comparison)
 }
 
 fn problem(why: NoComparison) -> Problem {

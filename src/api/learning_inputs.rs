@@ -3,13 +3,12 @@
 use super::extract::{FromQuery, QueryText, off_thread};
 use super::problem::{ApiResult, unless_missing};
 use super::state::AppState;
-use crate::analysis::estimates::{About, identification};
-use crate::analysis::ids::{PlantId, StudyId, SubjectId, TrialId};
+use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Analysis as _, Code, Kind, Problem, prediction_error, ssid, two_stimulus};
 use crate::learning::inputs::{Estimator, Identification, PlantName, Remark, SubjectInput, TrialInput};
 use crate::learning::{CurveOptions, time_domain::TimeDomainMetrics};
 use crate::num::hexadecimal;
-use crate::store::{Page, Plant, StoreError, Subject, TrialFilter, TrialRecord, TrialReport};
+use crate::store::{Page, Plant, StoreError, Subject, TrialEstimate, TrialFilter, TrialRecord};
 use std::collections::BTreeMap;
 use utoipa::IntoParams;
 use uuid::Uuid;
@@ -158,7 +157,7 @@ pub(crate) async fn gather(
             .mend("Ask for estimator=prediction_error, or leave it out.")
             .into());
     }
-    let (reports, damaged) = reports(state, &ids, query).await?;
+    let (estimates, damaged) = estimates(state, &ids, query).await?;
     let shown = query.estimator;
     let plants = everything(|page| state.store.plants(study, page), |plant| plant.id.0).await?;
     let subjects = match subject {
@@ -168,7 +167,7 @@ pub(crate) async fn gather(
                 .await?
         }
     };
-    let mut gathered = off_thread(move || assemble(subjects, plants, trials, reports, shown)).await??;
+    let mut gathered = off_thread(move || assemble(subjects, plants, trials, estimates, shown)).await??;
     gathered.remarks.extend(damaged);
     gathered.remarks.extend(left_out(&excluded));
     if let Some(spec) = &query.spec {
@@ -207,24 +206,22 @@ fn left_out(excluded: &[TrialRecord]) -> Option<Remark> {
     })
 }
 
-/// What was found of these trials, by estimator, and remarks on reports that are damaged.
-async fn reports(
+/// What was found of these trials, by estimator, and remarks on what is damaged.
+async fn estimates(
     state: &AppState,
     ids: &[TrialId],
     query: &CurveQuery,
-) -> ApiResult<(Vec<(Estimator, TrialReport)>, Vec<Remark>)> {
-    let (mut reports, mut remarks) = (Vec::new(), Vec::new());
-    for estimator in Estimator::ALL {
-        let joint = query.joint && estimator == query.estimator;
-        let of_kind = state.store.reports_of_trials(ids, kind_of(estimator), joint).await?;
-        reports.extend(of_kind.found.into_iter().map(|report| (estimator, report)));
-        let damaged = of_kind.damaged.into_iter().filter(|_| estimator == query.estimator);
-        remarks.extend(damaged.map(|(analysis, _)| Remark {
-            code: "report_not_used".to_owned(),
-            message: format!("the report of analysis {analysis} is left out: it is damaged in the database"),
-        }));
-    }
-    Ok((reports, remarks))
+) -> ApiResult<(Vec<(Estimator, TrialEstimate)>, Vec<Remark>)> {
+    let joint = query.joint.then(|| query.estimator.name());
+    let all = state.store.estimates_of_trials(ids, joint).await?;
+    let named = |name: &str| Estimator::ALL.into_iter().find(|estimator| estimator.name() == name);
+    let found = all.found.into_iter().filter_map(|own| Some((named(&own.estimator)?, own))).collect();
+    let damaged = all.damaged.into_iter().filter(|(_, estimator, _)| estimator == query.estimator.name());
+    let remark = |(analysis, ..): (AnalysisId, String, String)| Remark {
+        code: "report_not_used".to_owned(),
+        message: format!("what analysis {analysis} found is left out: it is damaged in the database"),
+    };
+    Ok((found, damaged.map(remark).collect()))
 }
 
 /// One trial, with what was identified from it.
@@ -235,9 +232,10 @@ pub(crate) async fn gather_trial(
     plant: Plant,
     query: &CurveQuery,
 ) -> ApiResult<Gathered> {
-    let (reports, damaged) = reports(state, &[trial.id], query).await?;
+    let (estimates, damaged) = estimates(state, &[trial.id], query).await?;
     let shown = query.estimator;
-    let mut gathered = off_thread(move || assemble(vec![subject], vec![plant], vec![trial], reports, shown)).await??;
+    let mut gathered =
+        off_thread(move || assemble(vec![subject], vec![plant], vec![trial], estimates, shown)).await??;
     gathered.remarks.extend(damaged);
     Ok(gathered)
 }
@@ -265,14 +263,14 @@ fn assemble(
     subjects: Vec<Subject>,
     plants: Vec<Plant>,
     trials: Vec<TrialRecord>,
-    reports: Vec<(Estimator, TrialReport)>,
+    estimates: Vec<(Estimator, TrialEstimate)>,
     shown: Estimator,
 ) -> Result<Gathered, Problem> {
     let plants: BTreeMap<PlantId, Plant> = plants.into_iter().map(|plant| (plant.id, plant)).collect();
     let mut remarks = Vec::new();
-    let mut by_trial: BTreeMap<_, Vec<(Estimator, TrialReport)>> = BTreeMap::new();
-    for (estimator, report) in reports {
-        by_trial.entry(report.trial).or_default().push((estimator, report));
+    let mut by_trial: BTreeMap<_, Vec<(Estimator, TrialEstimate)>> = BTreeMap::new();
+    for (estimator, own) in estimates {
+        by_trial.entry(own.trial).or_default().push((estimator, own));
     }
     let mut by_subject: BTreeMap<SubjectId, Vec<TrialInput>> = BTreeMap::new();
     for trial in trials {
@@ -280,18 +278,15 @@ fn assemble(
         let Some(plant) = plants.get(&trial.plant) else { continue };
         let (mut identifications, mut by_other_estimators): (Vec<Identification>, Vec<Identification>) =
             Default::default();
-        for (estimator, report) in by_trial.remove(&trial.id).unwrap_or_default() {
-            let analysis = report.analysis.to_string();
-            let (spec_sha256, position) = (&*report.spec_sha256, report.position);
-            let about = About { analysis: &analysis, spec_sha256, position, report: &report.report };
-            match identification(estimator, about, Some(&plant.model)) {
-                Ok(None) => {}
-                Ok(Some(found)) if estimator == shown => identifications.push(found),
-                Ok(Some(found)) => by_other_estimators.push(found),
+        for (estimator, own) in by_trial.remove(&trial.id).unwrap_or_default() {
+            let analysis = own.analysis.to_string();
+            match own.estimate.identification(estimator, analysis, own.spec_sha256) {
+                Ok(found) if estimator == shown => identifications.push(found),
+                Ok(found) => by_other_estimators.push(found),
                 Err(_) if estimator != shown => {}
                 Err(why) => remarks.push(Remark {
                     code: "report_not_used".to_owned(),
-                    message: format!("the report of analysis {} is left out: {why}", report.analysis),
+                    message: format!("the report of analysis {} is left out: {why}", own.analysis),
                 }),
             }
         }

@@ -121,7 +121,7 @@ pub struct IdentifiedControllers {
 }
 
 /// Standard errors of the norms of one identification, each in the unit of its norm.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct StandardErrors {
     /// Of ‖Gfb‖.
     pub norm_feedback: Option<f64>,

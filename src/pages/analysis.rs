@@ -93,8 +93,8 @@ fn running(record: &AnalysisRecord) -> Markup {
         &html! {
             p.live-bar { (bar(record)) }
             p.muted.live-phase {
-                @if let Some(phase) = phase { "at: " (phase) }
-                @else { "a worker takes it when those before it are done" }
+                @if let Some(phase) = phase { "at: " (phase) } @else { "a worker takes it when those before it are done"
+                    }
             }
             p.live-said role="status" aria-live="polite" {}
             noscript { p.muted { "This page is loaded again every ten seconds." } }

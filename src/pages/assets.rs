@@ -41,6 +41,11 @@ pub(super) fn style() -> String {
     address(&STYLE)
 }
 
+/// The style sheet itself, for a document that stands alone.
+pub(super) fn style_text() -> &'static str {
+    &STYLE.text
+}
+
 /// Where the script is.
 pub(super) fn script() -> String {
     address(&SCRIPT)

@@ -23,6 +23,10 @@ pub(super) async fn page(frame: Frame, State(state): State<AppState>, Params(())
     let running = state.store.latest_analyses(None, Status::Running, MOST_NAMED).await?;
     let mut head = Head::new(Place::Studies, "Studies");
     head.json = Some("/v1/studies".to_owned());
+    head.actions = html! {
+        a.button href="/studies/new" { "New study" }
+        @if !studies.is_empty() { a.button.strong href="/upload" { "Upload trials" } }
+    };
     let body = if studies.is_empty() { empty() } else { filled(&studies, &failed, &running, frame.busy) };
     Ok(whole(&frame, &head, &body))
 }
@@ -38,14 +42,14 @@ fn empty() -> Markup {
                     code.block { "volition demo --database demo.db --serve" }
                 }
                 li {
-                    p { b { "Bring a folder of recordings." } " CSV files with an index, as one study:" }
+                    p { b { "Bring recordings." } " " a href="/studies/new" { "Make a study" }
+                        " and its plant, then drop files; or a "
+                        "whole folder with an index:" }
                     code.block { "volition import FOLDER --database lab.db" }
                 }
                 li {
-                    p {
-                        b { "Make a study over the interface." }
-                        " It answers with the study's id, for plants, subjects and trials:"
-                    }
+                    p { b { "Over the interface." } " It answers with the study's id, for plants, subjects and trials:"
+                        }
                     code.block {
                         "curl -H 'content-type: application/json' -d '{\"name\": \"My study\"}' "
                         "http://127.0.0.1:8080/v1/studies"
@@ -89,9 +93,8 @@ fn filled(studies: &[StudyOverview], failed: &[AnalysisRecord], running: &[Analy
                         }
                     }
                     tbody {
-                        @for overview in studies {
-                            @let StudyOverview { study, subjects, trials, analysed, .. } = overview;
-                            @let StudyOverview { queued, running, failed, changed_at, .. } = overview;
+                        @for StudyOverview { study, subjects, trials, analysed, queued, running, failed, changed_at } in
+                            studies {
                             tr {
                                 th scope="row" { a href={ "/studies/" (study.id) } { (study.name) } }
                                 td.number { (subjects) }

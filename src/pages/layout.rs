@@ -20,6 +20,10 @@ pub(super) enum Place {
     Studies,
     /// The queue, and analyses.
     Queue,
+    /// Recordings that are brought.
+    Upload,
+    /// Excitations that are designed.
+    Excitation,
     /// Anything else.
     Elsewhere,
 }
@@ -70,6 +74,14 @@ pub(super) fn refused(
     response.headers_mut().insert(header::CONTENT_TYPE, html);
     response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
     dressed(response)
+}
+
+/// A document that stands alone: its style is inside, and it may load nothing at all.
+pub(super) fn unframed(response: Response) -> Response {
+    let mut response = dressed(response);
+    let alone = HeaderValue::from_static("default-src 'none'; style-src 'unsafe-inline'");
+    response.headers_mut().insert(header::CONTENT_SECURITY_POLICY, alone);
+    response
 }
 
 /// With the headers that every page has.
@@ -138,6 +150,8 @@ fn top(dress: Dress, frame: Option<&Frame>, place: Place) -> Markup {
                     "Queue"
                     @if let Some(frame) = frame { " " span.count { (frame.busy) } }
                 }
+                a href="/upload" aria-current=[current(Place::Upload)] { "Upload" }
+                a href="/excitation" aria-current=[current(Place::Excitation)] { "Excitation" }
                 a href="/docs" { "API" }
             }
             @if let Some(frame) = frame {

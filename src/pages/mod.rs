@@ -6,14 +6,18 @@
 
 mod analysis;
 mod assets;
+mod compare;
+mod excitation;
 mod frame;
 mod gate;
 mod grid;
 mod home;
 mod layout;
+mod new_study;
 mod numbers;
 mod problems;
 mod queue;
+mod report;
 mod router;
 mod schema;
 mod sentences;
@@ -23,6 +27,7 @@ mod subject;
 mod svg;
 mod trial;
 mod trust;
+mod upload;
 mod values;
 mod warnings;
 

@@ -184,10 +184,25 @@
   };
   figures();
 
+  // ---- files dropped on their area are sent at once
+  const drop = $('[data-drop]');
+  if (drop) {
+    const input = $('input', drop);
+    for (const name of ['dragover', 'dragleave', 'drop']) {
+      drop.addEventListener(name, (event) => {
+        event.preventDefault();
+        drop.classList.toggle('over', name === 'dragover');
+        if (name !== 'drop' || !event.dataTransfer.files.length) return;
+        input.files = event.dataTransfer.files;
+        input.form.requestSubmit();
+      });
+    }
+  }
+
   // ---- keys
   const keys = $('.keys');
   const isOn = () => localStorage.getItem('keys') !== 'off';
-  const list = [['g h', 'studies'], ['g q', 'queue'], ['j k', 'next and previous row'], ['Enter', 'open the row'], ['[ ]', 'trial before and after'], ['t', 'theme'], ['+ − 0 ← →', 'in a figure: closer, wider, whole, left, right'], ['?', 'these keys'], ['Esc', 'close']];
+  const list = [['g h', 'studies'], ['g q', 'queue'], ['g u', 'upload'], ['j k', 'next and previous row'], ['Enter', 'open the row'], ['[ ]', 'trial before and after'], ['t', 'theme'], ['+ − 0 ← →', 'in a figure: closer, wider, whole, left, right'], ['?', 'these keys'], ['Esc', 'close']];
   const dialog = document.createElement('dialog');
   const help = document.createElement('dl');
   for (const [key, what] of list) {
@@ -229,7 +244,7 @@
   addEventListener('keydown', (event) => {
     const isTyping = event.target.closest?.('input, textarea, select, [contenteditable]');
     if (!isOn() || isTyping || event.ctrlKey || event.metaKey || event.altKey || dialog.open) return;
-    const go = { h: '/', s: '/', q: '/queue' };
+    const go = { h: '/', s: '/', q: '/queue', u: '/upload' };
     const last = before;
     before = event.key;
     if (last === 'g' && go[event.key]) location.href = go[event.key];

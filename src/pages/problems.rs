@@ -50,9 +50,8 @@ fn write(problem: &HttpProblem, status: StatusCode, dress: Dress, headers: Heade
             (parts(&problem.detail, problem.location.as_deref(), problem.mend.as_deref()))
             p.muted {
                 "Status " (status.as_u16())
-                @if !problem.instance.is_empty() {
-                    " · this request is in the server's log as " code { (problem.instance) }
-                }
+                @if !problem.instance.is_empty() { " · this request is in the server's log as " code
+                    { (problem.instance) } }
             }
             p { a.button href="/" { "To the studies" } }
         }

@@ -3,15 +3,21 @@
 use super::frame::Frame;
 use super::layout::{Head, Place, card, page as whole};
 use super::numbers::{ago, duration, moment};
-use crate::api::{ApiResult, AppState, Params};
+use super::svg::Drawn;
+use crate::analysis::ids::AnalysisId;
+use crate::api::{ApiResult, AppState, Params, drawing, queue_figure};
 use crate::jobs::Status;
-use crate::store::AnalysisRecord;
+use crate::store::{AnalysisRecord, FirstTrial};
 use axum::extract::State;
 use axum::response::Response;
 use maud::{Markup, html};
+use std::collections::BTreeMap;
 
 /// Analyses of a status that are listed.
 const MOST: u32 = 50;
+
+/// The width of the figure of the last hours, in pixels.
+const WHOLE: u32 = 1160;
 
 /// The queue.
 pub(super) async fn page(frame: Frame, State(state): State<AppState>, Params(()): Params<()>) -> ApiResult<Response> {
@@ -38,13 +44,23 @@ pub(super) async fn page(frame: Frame, State(state): State<AppState>, Params(())
             continue;
         }
         let rows = state.store.latest_analyses(None, status, MOST).await?;
-        body = html! { (body) (part(title, status, all, &rows)) };
+        let ids: Vec<AnalysisId> = rows.iter().map(|analysis| analysis.id).collect();
+        let named = state.store.first_trials(&ids).await?;
+        body = html! { (body) (part(title, status, all, &rows, &named)) };
     }
-    let body = html! { div data-live-queue[frame.busy > 0] { (body) } };
+    let lately = queue_figure(&state).await?;
+    let lately = drawing(&state, move || Drawn::new(&lately, WHOLE, [None, None])).await?;
+    let body = html! {
+        div data-live-queue[frame.busy > 0] { (body) }
+        @if total > 0 && !lately.is_empty() { (lately.card("/v1/figures/queue", &html! {})) }
+    };
     Ok(whole(&frame, &head, &body))
 }
 
-fn part(title: &str, status: Status, all: u64, rows: &[AnalysisRecord]) -> Markup {
+/// What analyses are of.
+type Named = BTreeMap<AnalysisId, FirstTrial>;
+
+fn part(title: &str, status: Status, all: u64, rows: &[AnalysisRecord], named: &Named) -> Markup {
     let more = html! {
         @if all > rows.len() as u64 { p.muted { "the latest " (rows.len()) " of " (all) } }
     };
@@ -62,24 +78,33 @@ fn part(title: &str, status: Status, all: u64, rows: &[AnalysisRecord]) -> Marku
                     thead {
                         tr {
                             th scope="col" { "Analysis" }
+                            th scope="col" { "Of" }
                             th scope="col" { @if is_done { "Ended" } @else { "Progress" } }
                             th scope="col" { "Asked for" }
                             th.number scope="col" { "Attempts" }
                             th scope="col" { "Action" }
                         }
                     }
-                    tbody { @for analysis in rows { (row(analysis)) } }
+                    tbody { @for analysis in rows { (row(analysis, named.get(&analysis.id))) } }
                 }
             }
         },
     )
 }
 
-fn row(analysis: &AnalysisRecord) -> Markup {
+fn row(analysis: &AnalysisRecord, named: Option<&FirstTrial>) -> Markup {
     let AnalysisRecord { id, kind, status, attempts, created_at, finished_at, problem, .. } = analysis;
     html! {
         tr data-analysis=(id) {
             th scope="row" { a href={ "/analyses/" (id) } { (kind.name()) } }
+            td {
+                @match named {
+                    Some(FirstTrial { code, number, trials: 1 }) => { (code) ", trial " (number) },
+                    Some(FirstTrial { code, number, trials }) => { (code) ", trial " (number) " and " (trials - 1)
+                        " more" },
+                    None => "data of the request",
+                }
+            }
             td {
                 @if let Some(problem) = problem { (problem.title) ", " }
                 @match finished_at {
@@ -117,9 +142,8 @@ pub(super) fn bar(analysis: &AnalysisRecord) -> Markup {
             progress max="100" value=(format!("{share:.0}")) aria-label="Progress" {}
             " " span.share { (format!("{share:.0} %")) }
             @if let Some(left) = analysis.eta_s { span.left { " · " (duration(left)) " left" } }
-            @if let Some(bracket) = analysis.bracket {
-                span.gap { " · gap " (format!("{:.1} %", 100.0 * bracket.gap())) }
-            }
+            @if let Some(bracket) = analysis.bracket { span.gap { " · gap " (format!("{:.1} %", 100.0 * bracket.gap()))
+                } }
         }
     }
 }

@@ -1,6 +1,9 @@
 //! The addresses of pages, and the layers around them.
 
-use super::{analysis, assets, gate, home, problems, queue, start, study, subject, trial};
+use super::{
+    analysis, assets, compare, excitation, gate, home, new_study, problems, queue, report, start, study, subject,
+    trial, upload,
+};
 use crate::api::{AppState, router_with};
 use axum::Router;
 use axum::middleware::from_fn;
@@ -14,6 +17,7 @@ const PACKED_FROM: u64 = 860;
 fn routes() -> Router<AppState> {
     Router::new()
         .route("/", get(home::page))
+        .route("/studies/new", get(new_study::page).post(new_study::send))
         .route("/studies/{study}", get(study::page))
         .route("/subjects/{subject}", get(subject::page))
         .route("/trials/{trial}", get(trial::page))
@@ -22,6 +26,12 @@ fn routes() -> Router<AppState> {
         .route("/analyses/{analysis}/cancel", post(analysis::cancel))
         .route("/analyses/{analysis}/again", post(analysis::again))
         .route("/queue", get(queue::page))
+        .route("/studies/{study}/report", get(report::page))
+        .route("/studies/{study}/report.html", get(report::file))
+        .route("/compare", get(compare::page))
+        .route("/excitation", get(excitation::page))
+        .route("/upload", get(upload::page).post(upload::send))
+        .route("/upload/{draft}", get(upload::draft).post(upload::act))
         .route("/a/{file}", get(assets::read))
         .layer(from_fn(gate::choose_theme))
         .layer(CompressionLayer::new().gzip(true).compress_when(SizeAbove::new(PACKED_FROM)))

@@ -9,7 +9,7 @@ use crate::learning::comparison::report::ComparedGroup;
 use crate::learning::curves::{CurveOptions, CurvePoint, Metric};
 use crate::learning::groups::GroupCurve;
 use crate::learning::{ComparisonOptions, StatementTrust, StudyLearningCurves, SubjectInput, compare};
-use crate::trust::{Level, Trust};
+use crate::trust::{Level, ROWS, Trust};
 use maud::{Markup, html};
 use std::collections::BTreeMap;
 
@@ -25,8 +25,10 @@ pub(super) fn phrase(metric: Metric) -> &'static str {
         Metric::MeanAbsError => "the tracking error",
         Metric::RmsError => "the root mean square error",
         Metric::NormFeedback => "the gain of the feedback, ‖Gfb‖,",
-        Metric::NormFeedforwardMinusInverse => "the distance ‖Gff − G⁻¹‖",
-        Metric::NormFeedforwardPlantMinusOne => "the distance of the feedforward from the inverse, ‖Gff G − 1‖,",
+        Metric::NormFeedforwardMinusInverse => "the distance ‖Gff\u{a0}−\u{a0}G⁻¹‖",
+        Metric::NormFeedforwardPlantMinusOne => {
+            "the distance of the feedforward from the inverse, ‖Gff\u{a0}G\u{a0}−\u{a0}1‖,"
+        }
         Metric::VarianceAccountedFor => "the share of the output that is explained",
         Metric::ControlLogDimensionlessJerk => "the smoothness of the control",
     }
@@ -123,9 +125,8 @@ impl Step {
         let what = phrase(self.metric);
         let n = self.pairs.len();
         if n == 0 {
-            return html! {
-                b { "No statement" } " about " (what.trim_end_matches(',')) ": nobody has both a first and a last value. "
-            };
+            return html! { b { "No statement" } " about " (what.trim_end_matches(','))
+            ": nobody has both a first and a last value. " };
         }
         let (from, to) = (self.mean(0), self.mean(1));
         if let Some(refusal) = self.statement.refusal() {
@@ -227,18 +228,18 @@ fn basis(all: &[Told]) -> Markup {
     }
 }
 
-/// The finding that decides in most values of the worst level; where its numbers differ, without them. None where
+/// The finding that decides in most values of the worst level; where its numbers differ, as the rule has it. None where
 /// nothing speaks against any value.
 fn most_usual(trust: &[&Trust], worst: Level) -> Option<(String, usize)> {
     let mut by_code: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for own in trust.iter().filter(|own| own.level == worst && own.level != Level::Ok) {
         by_code.entry(&own.code).or_default().push(&own.because);
     }
-    let found = by_code.into_values().max_by_key(Vec::len)?;
+    let (code, found) = by_code.into_iter().max_by_key(|(_, found)| found.len())?;
     let first = *found.first()?;
-    let words = first.split(|letter: char| letter.is_ascii_digit()).next().unwrap_or_default();
-    let said = if found.iter().all(|own| *own == first) { first.to_owned() } else { format!("{words}…") };
-    Some((said, found.len()))
+    let row = ROWS.iter().find(|row| row.code == code);
+    let said = if found.iter().all(|own| *own == first) { first } else { row.map_or(first, |row| row.condition) };
+    Some((said.to_owned(), found.len()))
 }
 
 /// With a capital letter first.

@@ -285,8 +285,8 @@ fn form(query: &StartQuery, fields: &[Field], filled: &Filled) -> Markup {
                 @let text = filled.texts.get(&field.name).and_then(Value::as_str).unwrap_or_default();
                 (entry(field, text, wrong(&field.name).or(problem(&field.name))))
             }
-            @let rest = "Members of the spec that have no field here, as JSON.";
-            (area("rest", "Everything else", rest, &filled.rest, wrong("rest")))
+            (area("rest", "Everything else", "Members of the spec that have no field here, as JSON.", &filled.rest,
+                wrong("rest")))
             p {
                 button type="submit" name="do" value="check" { "Check" } " "
                 button.strong type="submit" name="do" value="start" { "Start" }
@@ -306,10 +306,14 @@ fn area(name: &str, title: &str, hint: &str, text: &str, wrong: Option<&str>) ->
     }
 }
 
-/// The unit that a name ends with.
-fn unit(name: &str) -> Option<&'static str> {
+/// A name as a title: with the unit that it ends with in brackets.
+fn title(name: &str) -> String {
     let units = [("_rad_s", "rad/s"), ("_hz", "Hz"), ("_db", "dB"), ("_s", "s")];
-    units.into_iter().find(|(ending, _)| name.ends_with(ending)).map(|(_, unit)| unit)
+    let found = units.into_iter().find_map(|(ending, unit)| Some((name.strip_suffix(ending)?, unit)));
+    match found {
+        Some((rest, unit)) => format!("{} ({unit})", rest.replace('_', " ")),
+        None => name.replace('_', " "),
+    }
 }
 
 fn entry(field: &Field, text: &str, wrong: Option<&str>) -> Markup {
@@ -319,8 +323,8 @@ fn entry(field: &Field, text: &str, wrong: Option<&str>) -> Markup {
     let usual = default.as_ref().map(|value| value.as_str().map_or_else(|| value.to_string(), str::to_owned));
     html! {
         div.field {
-            label for=(id) { (name.replace('_', " ")) @if let Some(unit) = unit(name) { " (" (unit) ")" } }
-            p.muted id={ (id) "-hint" } { (description) }
+            label for=(id) { (title(name)) }
+            p.muted id={ (id) "-hint" } { (description.replace('`', "")) }
             @match input {
                 Input::Choice(words) => {
                     select id=(id) name=(own) aria-describedby={ (id) "-hint" } {

@@ -23,6 +23,7 @@ use crate::store::Store;
 use axum::extract::State;
 use axum::response::Response;
 use maud::{Markup, html};
+use std::collections::BTreeMap;
 
 /// The width of a figure in a card of half a page, and of a whole one, in pixels.
 const HALF: u32 = 560;
@@ -168,12 +169,17 @@ pub(super) async fn page(
     };
     let busy: u64 = running.counts.iter().filter(|(status, _)| !status.is_final()).map(|(_, n)| n).sum();
     head.actions = html! {
-        @if trials > 0 { a.button.strong href={ "/analyses/new?study=" (id) } { "Start an analysis" } }
+        a.button href={ "/upload?study=" (id) } { "Upload" }
+        @if trials > 0 {
+            a.button href={ "/compare?study=" (id) } { "Compare groups" }
+            a.button href={ "/studies/" (id) "/report" } { "Report" }
+            a.button.strong href={ "/analyses/new?study=" (id) } { "Start an analysis" }
+        }
         @if busy > 0 { a.button href="/queue" { (count(busy, "analysis runs or waits", "analyses run or wait")) } }
     };
     let body = html! {
         @if trials == 0 {
-            (no_trials(&api))
+            (no_trials(&api, id))
         } @else {
             (card("Who learned what", &html! {}, &sentences::markup(&shown.told)))
             @if first.is_none() { (nothing_identified(id, trials)) }
@@ -187,9 +193,10 @@ pub(super) async fn page(
     Ok(whole(&frame, &head, &body))
 }
 
-fn no_trials(api: &str) -> Markup {
+fn no_trials(api: &str, id: StudyId) -> Markup {
     let todo = html! {
-        "Send a recording with columns t, r, u, y: "
+        a.button.strong href={ "/upload?study=" (id) } { "Upload recordings" }
+        " or send one with columns t, r, u, y: "
         code.block { "curl --data-binary @trial.csv -H 'content-type: text/csv' '" (api) "/…/trials?plant=ID'" }
         " or a folder of them: " code.block { "volition import FOLDER --database lab.db" }
     };
@@ -306,21 +313,20 @@ fn table(curves: &StudyLearningCurves, quantity: Metric) -> Markup {
 }
 
 fn provenance(api: &str, shown: &Shown, estimator: Estimator) -> Markup {
-    let specs: Vec<(&str, usize)> = shown
-        .curves
-        .groups
-        .iter()
-        .filter_map(|group| group.spec.as_ref())
-        .map(|spec| (spec.spec_sha256.as_str(), spec.trials))
-        .collect();
+    let mut specs: BTreeMap<&str, usize> = BTreeMap::new();
+    for spec in shown.curves.groups.iter().filter_map(|group| group.spec.as_ref()) {
+        *specs.entry(spec.spec_sha256.as_str()).or_default() += spec.trials;
+    }
     card(
         "Where this comes from",
         &html! {},
         &html! {
             p {
                 @if specs.is_empty() { "Measured values only." } @else {
-                    "Estimator " code { (estimator.name()) } "; specs by group: "
-                    @for (hash, trials) in &specs { code { (eight(hash)) } " (" (trials) " trials) " }
+                    "Estimator " code { (estimator.name()) } "; spec "
+                    @for (at, (hash, trials)) in specs.iter().enumerate() {
+                        @if at > 0 { ", " } code { (eight(hash)) } " (" (trials) " trials)"
+                    }
                     ". Trials that were identified in different ways are never mixed."
                 }
             }

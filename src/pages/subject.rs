@@ -81,6 +81,7 @@ pub(super) async fn page(
         (subject.group.as_deref().unwrap_or("without a group")) " · " (count(trials as u64, "trial", "trials"))
         @if first.is_some() { " · estimated by " (estimator_name(estimator)) }
     };
+    head.actions = html! { a.button href={ "/upload?subject=" (id) } { "Upload" } };
     let numbers = format!("{api}/learning-curves?estimator={}", estimator.name());
     let body = html! {
         @if trials == 0 {

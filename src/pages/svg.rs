@@ -50,8 +50,23 @@ impl Drawn {
 
     /// The figure as a card without files of its own.
     pub(super) fn plain(&self, more: &Markup) -> Markup {
+        html! { section.card.figure data-name=(self.name) { div.card-head { h2 { (self.title) } (more) } (self.plot()) }
+        }
+    }
+
+    /// The figure and its caption alone, for a card that has more in it.
+    pub(super) fn inside(&self) -> Markup {
+        self.plot()
+    }
+
+    /// The figure as a card, drawn once: for paper, whose width is known.
+    pub(super) fn single(&self) -> Markup {
         html! {
-            section.card.figure data-name=(self.name) { div.card-head { h2 { (self.title) } (more) } (self.plot()) }
+            section.card.figure data-name=(self.name) {
+                h2 { (self.title) }
+                (written(&self.wide))
+                p.caption { (self.caption) }
+            }
         }
     }
 

@@ -126,7 +126,7 @@ pub(super) async fn page(
         let own = Drawn::new(&signals(&trial, &origin), BESIDE, view);
         let check = plant_check(&trial, &model, &origin);
         let finding = check.as_ref().map(|figure| figure.description.clone());
-        let check = check.map(|figure| Drawn::new(&figure, WHOLE, view));
+        let check = check.map(|figure| Drawn::new(&figure, BESIDE, view));
         let report = drawable.as_ref().and_then(|(_, text)| serde_json::from_str::<Report>(text).ok());
         let figures = match (&drawable, &report) {
             (Some((drawable, _)), Some(report)) => drawable.figures(report),
@@ -168,14 +168,17 @@ pub(super) async fn page(
     warned.extend(reported);
     let body = html! {
         div.sided {
-            div { (own.card(&format!("{api}/figures/{}", signals::NAME), &zoom_form(view))) }
             div {
-                @let panel = panel(&frame, record, &judged, &with_answer, finding.as_deref());
-                (card("Can it be trusted?", &html! {}, &panel))
+                (own.card(&format!("{api}/figures/{}", signals::NAME), &zoom_form(view)))
+                @if let Some(check) = &check { (check.card(&format!("{api}/figures/{}", plant_check::NAME), &html! {}))
+                    }
+            }
+            div {
+                (card("Can it be trusted?", &html! {}, &panel(&frame, record, &judged, &with_answer,
+                    finding.as_deref())))
                 @if !warned.is_empty() { (card("Warnings", &html! {}, &warnings::list(&warned))) }
             }
         }
-        @if let Some(check) = &check { (check.card(&format!("{api}/figures/{}", plant_check::NAME), &html! {})) }
         @if let Some(analysis) = &chosen {
             @for (name, drawn) in &figures {
                 (drawn.card(&format!("/v1/analyses/{}/figures/{name}", analysis.id), &html! {}))
@@ -280,15 +283,13 @@ fn list(analyses: &[AnalysisRecord], chosen: Option<&AnalysisRecord>) -> Markup 
                 ul.plain {
                     @for analysis in analyses.iter().rev() {
                         li {
-                            a href={ "/analyses/" (analysis.id) } { (analysis.kind.name()) }
-                            " · " (analysis.status.name())
+                            a href={ "/analyses/" (analysis.id) } { (analysis.kind.name()) } " · "
+                                (analysis.status.name())
                             " · spec " code { (eight(&analysis.spec_sha256)) } " · " (ago(analysis.created_at))
                             @if chosen.is_some_and(|own| own.id == analysis.id) { " · shown above" }
                             @else if analysis.status == crate::jobs::Status::Succeeded {
-                                " · "
-                                a href={ "?analysis=" (analysis.id) } {
-                                    "show" span.hidden { " " (analysis.kind.name()) }
-                                }
+                                " · " a href={ "?analysis=" (analysis.id) }
+                                    { "show" span.hidden { " " (analysis.kind.name()) } }
                             }
                         }
                     }

@@ -9,13 +9,15 @@ use sqlx::{SqlSafeStr as _, SqliteConnection};
 use std::path::Path;
 
 /// The migrations, by version. The macro of sqlx that reads the folder would compile SQLite a second time.
-const MIGRATIONS: [(i64, &str, &str); 8] = [
+const MIGRATIONS: [(i64, &str, &str); 10] = [
     (1, "studies trials analyses", include_str!("../../migrations/0001_studies_trials_analyses.sql")),
     (2, "brackets", include_str!("../../migrations/0002_brackets.sql")),
     (3, "trial warnings", include_str!("../../migrations/0003_trial_warnings.sql")),
     (4, "phases", include_str!("../../migrations/0004_phases.sql")),
     (5, "trust", include_str!("../../migrations/0005_trust.sql")),
     (10, "durable", include_str!("../../migrations/0010_durable.sql")),
+    (11, "estimates", include_str!("../../migrations/0011_estimates.sql")),
+    (12, "drafts", include_str!("../../migrations/0012_drafts.sql")),
     (15, "study reading", include_str!("../../migrations/0015_study_reading.sql")),
     (18, "trials left out", include_str!("../../migrations/0018_trials_left_out.sql")),
 ];

@@ -3,10 +3,12 @@
 use super::error::StoreResult;
 use super::nouns::select;
 use super::open::Store;
-use super::records::{AnalysisRecord, Study, StudyOverview};
-use super::rows::{get, time, unsigned};
-use crate::analysis::ids::StudyId;
+use super::records::{AnalysisRecord, FirstTrial, Study, StudyOverview};
+use super::rows::{get, parsed, time, to_json, unsigned};
+use crate::analysis::ids::{AnalysisId, StudyId};
 use crate::jobs::Status;
+use sqlx::sqlite::SqliteRow;
+use std::collections::BTreeMap;
 
 impl Store {
     /// The studies with what is in them, the newest first, at most `limit`.
@@ -70,6 +72,29 @@ impl Store {
         .await?;
         let sound = rows.iter().filter_map(|row| self.sound::<AnalysisRecord>(row).transpose());
         sound.collect()
+    }
+
+    /// The first trial of each of these analyses that has one: what people call them by.
+    ///
+    /// # Errors
+    /// The database's own.
+    pub async fn first_trials(&self, analyses: &[AnalysisId]) -> StoreResult<BTreeMap<AnalysisId, FirstTrial>> {
+        let names: Vec<String> = analyses.iter().map(ToString::to_string).collect();
+        let rows = sqlx::query(
+            "SELECT u.analysis_id AS id, s.code, t.number,
+                (SELECT count(*) FROM analysis_trials v WHERE v.analysis_id = u.analysis_id) AS trials
+             FROM json_each($1) e CROSS JOIN analysis_trials u ON u.analysis_id = e.value AND u.position = 0
+                CROSS JOIN trials t ON t.id = u.trial_id CROSS JOIN subjects s ON s.id = t.subject_id",
+        )
+        .bind(to_json(&names)?)
+        .fetch_all(self.readers()?)
+        .await?;
+        let one = |row: &SqliteRow| {
+            let named =
+                FirstTrial { code: get(row, "code")?, number: get(row, "number")?, trials: unsigned(row, "trials")? };
+            Ok((parsed(row, "id")?, named))
+        };
+        rows.iter().map(one).collect()
     }
 
     /// How many trials of a study each kind of analysis has succeeded for, by the kind's name.

@@ -2,12 +2,12 @@
 
 use super::analyses::{COUNTS, asked_for, of_run, run_counts, run_latest};
 use super::error::StoreResult;
+use super::estimates::ESTIMATES_OF_TRIALS;
 use super::lists::{Filter, Order};
 use super::open::Store;
 use super::plants::of_study;
 use super::queue::{CLAIM, RUNNING, end_of_line};
 use super::records::{AnalysisFilter, AnalysisRecord, Plant, RunFilter, Study, Subject, TrialFilter, TrialRecord};
-use super::reports::REPORTS_OF_TRIALS;
 use super::subjects::of_group;
 use super::trial_lists::{IN_ORDER, matching, of_subject};
 use crate::analysis::ids::{StudyId, SubjectId, TrialId};
@@ -37,7 +37,7 @@ fn statements() -> Vec<(String, String)> {
             "trials of a subject, to be drawn".to_owned(),
             trials(TrialFilter { subject: Some(subject), ..TrialFilter::default() }),
         ),
-        ("reports of trials".to_owned(), REPORTS_OF_TRIALS.to_owned()),
+        ("estimates of trials".to_owned(), ESTIMATES_OF_TRIALS.to_owned()),
         ("analyses by status".to_owned(), COUNTS.to_owned()),
         ("the next in the queue".to_owned(), CLAIM.to_owned()),
         ("what is under way".to_owned(), RUNNING.to_owned()),

@@ -3,13 +3,13 @@
 use super::reading::StudyReading;
 use super::units::{SignalUnits, UnitsChange};
 use super::used::UsedTrials;
+use crate::analysis::estimates::KeptEstimate;
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
-use crate::analysis::{Incumbent, Kind, Problem, Report, Request, Warning};
+use crate::analysis::{Incumbent, Kind, Problem, Request, Warning};
 use crate::control::Model;
 use crate::ctl::{Bracket, Ctl, Progress};
 use crate::jobs::Status;
 use crate::trial::Trial;
-use std::sync::Arc;
 use time::OffsetDateTime;
 
 /// A key that makes a repeated request harmless, with the hash of the request it was first used for.
@@ -33,6 +33,13 @@ pub enum Created<T> {
 }
 
 impl<T> Created<T> {
+    /// What is stored, new or not.
+    pub fn get(&self) -> &T {
+        match self {
+            Self::New(value) | Self::Replayed(value) | Self::Duplicate(value) => value,
+        }
+    }
+
     /// What is stored, new or not.
     pub fn into_inner(self) -> T {
         match self {
@@ -412,9 +419,20 @@ pub struct RunProgress {
     pub latest_s: Vec<f64>,
 }
 
-/// The report of an analysis of a single trial.
+/// The first trial of an analysis, as people name it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FirstTrial {
+    /// The code of its subject.
+    pub code: String,
+    /// Its number.
+    pub number: i64,
+    /// How many trials the analysis has.
+    pub trials: u64,
+}
+
+/// What an analysis found of a trial by an estimator.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TrialReport {
+pub struct TrialEstimate {
     /// The trial.
     pub trial: TrialId,
     /// Its position among the trials of the analysis, from 0.
@@ -423,19 +441,19 @@ pub struct TrialReport {
     pub analysis: AnalysisId,
     /// SHA-256 of its spec.
     pub spec_sha256: String,
-    /// When it was asked for.
-    pub created_at: OffsetDateTime,
-    /// The report, one for all of its trials.
-    pub report: Arc<Report>,
+    /// By which estimator, by name.
+    pub estimator: String,
+    /// What was found.
+    pub estimate: KeptEstimate,
 }
 
-/// Reports of analyses of trials.
+/// What analyses found of trials.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct TrialReports {
+pub struct TrialEstimates {
     /// In the order of the trials asked for, each trial's oldest first.
-    pub found: Vec<TrialReport>,
-    /// Analyses whose stored report is damaged, and why.
-    pub damaged: Vec<(AnalysisId, String)>,
+    pub found: Vec<TrialEstimate>,
+    /// Analyses of which what is kept is damaged, by which estimator, and why.
+    pub damaged: Vec<(AnalysisId, String, String)>,
 }
 
 /// The right to write to a running analysis.

@@ -4,21 +4,15 @@ use super::error::{StoreError, StoreResult};
 use super::lists::{Filter, Value};
 use super::nouns::Noun as _;
 use super::open::Store;
-use super::records::{AnalysisRecord, TrialReport, TrialReports};
-use super::rows::{get, parsed, sha256, time, to_json};
+use super::records::AnalysisRecord;
+use super::rows::{get, parsed, sha256, time};
 use crate::analysis::ids::{AnalysisId, StudyId, TrialId};
 use crate::analysis::{Kind, Report};
 use sqlx::SqliteConnection;
 use sqlx::sqlite::SqliteRow;
-use std::collections::BTreeMap;
-use std::collections::btree_map::Entry;
-use std::sync::Arc;
 use time::OffsetDateTime;
 
 const NOUN: &str = AnalysisRecord::NAME;
-
-/// Trials asked about in one statement.
-const AT_ONCE: usize = 500;
 
 /// Which reports of a study.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -52,15 +46,6 @@ pub struct StudyReports {
     /// The last analysis that was looked at; `None` where there was none left.
     pub last: Option<AnalysisId>,
 }
-
-/// The order of the joins is said: left to itself, the database begins with every analysis that succeeded, once for
-/// each trial. The text names the trials (a JSON list), the kind, and whether analyses of several are asked for.
-pub(super) const REPORTS_OF_TRIALS: &str = "SELECT u.trial_id, a.id, a.spec_sha256, a.created_at, u.position
-     FROM json_each($1) t CROSS JOIN analysis_trials u ON u.trial_id = t.value
-        CROSS JOIN analyses a ON a.id = u.analysis_id
-     WHERE +a.kind = $2 AND +a.status = 'succeeded'
-        AND EXISTS (SELECT 1 FROM analysis_trials v WHERE v.analysis_id = a.id AND v.position > 0) = $3
-     ORDER BY t.key, a.id";
 
 /// The report of an analysis that succeeded.
 async fn one(connection: &mut SqliteConnection, id: AnalysisId) -> StoreResult<Report> {
@@ -97,53 +82,6 @@ impl Store {
             .await?
             .ok_or_else(|| StoreError::not_found(NOUN, id))?;
         verified(&row)
-    }
-
-    /// Succeeded reports of this kind for each trial given: in the order of `trials`, each trial's oldest first. Only
-    /// those of analyses of a single trial, or, with `joint`, only those of analyses that combine several, which say
-    /// something of each of them only where their result goes trial by trial.
-    ///
-    /// # Errors
-    /// The database's own. A report that is damaged is named beside the others.
-    pub async fn reports_of_trials(&self, trials: &[TrialId], kind: Kind, joint: bool) -> StoreResult<TrialReports> {
-        let mut tx = self.snapshot().await?;
-        let mut all = TrialReports::default();
-        // A report of many trials is read once.
-        let mut reports: BTreeMap<AnalysisId, Option<Arc<Report>>> = BTreeMap::new();
-        for some in trials.chunks(AT_ONCE) {
-            let names: Vec<String> = some.iter().map(ToString::to_string).collect();
-            let rows = sqlx::query(REPORTS_OF_TRIALS)
-                .bind(to_json(&names)?)
-                .bind(kind.name())
-                .bind(joint)
-                .fetch_all(&mut *tx)
-                .await?;
-            for row in &rows {
-                let id: AnalysisId = parsed(row, "id")?;
-                let report = match reports.entry(id) {
-                    Entry::Occupied(read) => read.into_mut(),
-                    Entry::Vacant(unread) => unread.insert(match one(&mut tx, id).await {
-                        Ok(report) => Some(Arc::new(report)),
-                        Err(StoreError::Damaged(why)) => {
-                            self.inner().damage.note(NOUN, &id.to_string(), &why);
-                            all.damaged.push((id, why));
-                            None
-                        }
-                        Err(error) => return Err(error),
-                    }),
-                };
-                let Some(report) = report else { continue };
-                all.found.push(TrialReport {
-                    trial: parsed(row, "trial_id")?,
-                    position: usize::try_from(get::<i64>(row, "position")?).unwrap_or_default(),
-                    analysis: id,
-                    spec_sha256: get(row, "spec_sha256")?,
-                    created_at: time(row, "created_at")?,
-                    report: Arc::clone(report),
-                });
-            }
-        }
-        Ok(all)
     }
 
     /// The succeeded reports of a study behind the analysis `after`, the oldest first, so many at most, with the trials

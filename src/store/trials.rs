@@ -82,7 +82,7 @@ fn number_taken(error: sqlx::Error, number: i64, session: Option<i64>) -> StoreE
     error.into()
 }
 
-fn pack_all(new: Vec<NewTrial>) -> StoreResult<Vec<(NewTrial, Vec<Packed>)>> {
+pub(super) fn pack_all(new: Vec<NewTrial>) -> StoreResult<Vec<(NewTrial, Vec<Packed>)>> {
     new.into_iter()
         .map(|new| {
             let found = hexadecimal(&new.trial.content_sha256());
@@ -192,6 +192,37 @@ async fn must_be_of_study(connection: &mut SqliteConnection, plant: PlantId, stu
     found.map(drop).ok_or_else(|| StoreError::not_found("plant", plant))
 }
 
+/// Stores a trial of a subject, unless its content is stored already.
+pub(super) async fn keep(
+    connection: &mut SqliteConnection,
+    subject: &str,
+    study: &str,
+    (new, columns): &(NewTrial, Vec<Packed>),
+    now: i64,
+) -> StoreResult<Created<TrialRecord>> {
+    // The same signals in another format have another content hash: a time column, or a sample time written with other
+    // digits. At another rate they are another recording.
+    let known: Option<String> = sqlx::query_scalar(
+        "SELECT id FROM trials WHERE subject_id = $1 AND (sha256 = $2
+            OR (signals_sha256 = $3 AND abs(sample_time_s - $4) <= $5 * $4))
+         ORDER BY sha256 <> $2, id LIMIT 1",
+    )
+    .bind(subject)
+    .bind(&new.sha256)
+    .bind(hexadecimal(&new.trial.signals_sha256()))
+    .bind(new.trial.sample_time_s)
+    .bind(SAME_SAMPLE_TIME)
+    .fetch_optional(&mut *connection)
+    .await?;
+    match known {
+        Some(id) => Ok(Created::Duplicate(fetch(connection, id).await?)),
+        None => {
+            let id = insert(connection, subject, study, new, columns, now).await?;
+            Ok(Created::New(fetch(connection, id).await?))
+        }
+    }
+}
+
 impl Change for TrialRecord {
     type Patch = TrialPatch;
     // The old note or reason may name a person.
@@ -266,27 +297,10 @@ impl Store {
         }
         let now = self.now_us();
         let mut ids = Vec::with_capacity(packed.len());
-        for (new, columns) in packed {
-            // The same signals in another format have another content hash: a time column, or a sample time written
-            // with other digits. At another rate they are another recording.
-            let known: Option<String> = sqlx::query_scalar(
-                "SELECT id FROM trials WHERE subject_id = $1 AND (sha256 = $2
-                    OR (signals_sha256 = $3 AND abs(sample_time_s - $4) <= $5 * $4))
-                 ORDER BY sha256 <> $2, id LIMIT 1",
-            )
-            .bind(&subject)
-            .bind(&new.sha256)
-            .bind(hexadecimal(&new.trial.signals_sha256()))
-            .bind(new.trial.sample_time_s)
-            .bind(SAME_SAMPLE_TIME)
-            .fetch_optional(&mut *tx)
-            .await?;
-            let (id, made): (_, fn(TrialRecord) -> Created<TrialRecord>) = match known {
-                Some(id) => (id, Created::Duplicate),
-                None => (insert(&mut tx, &subject, &study, new, columns, now).await?, Created::New),
-            };
-            outcome.push(made(fetch(&mut tx, &id).await?));
-            ids.push(id);
+        for one in packed {
+            let made = keep(&mut tx, &subject, &study, one, now).await?;
+            ids.push(made.get().id.to_string());
+            outcome.push(made);
         }
         remember(&mut tx, &scope, key, &ids, now).await?;
         tx.commit().await?;

@@ -78,6 +78,7 @@ pub(super) async fn write(connection: &mut SqliteConnection, id: AnalysisId, rep
         .bind(id.to_string())
         .execute(&mut *connection)
         .await?;
+    super::estimates::write(connection, id, report, model.as_ref()).await?;
     for own in quantities(report, model.as_ref()) {
         sqlx::query(
             "INSERT INTO analysis_trust (analysis_id, position, estimator, quantity, value, low, high, level, trust)

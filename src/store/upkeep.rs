@@ -9,7 +9,8 @@ use std::time::Duration;
 const AT_ONCE: i64 = 5_000;
 
 impl Store {
-    /// Deletes idempotency keys older than `kept`, folds the write-ahead log in, lets the database look at how its
+    /// Deletes idempotency keys older than `kept` and drafts of uploads whose time is over, folds the write-ahead log
+    /// in, lets the database look at how its
     /// indexes are filled, and makes the reserve again. Returns how many keys went.
     ///
     /// # Errors
@@ -24,6 +25,7 @@ impl Store {
                 break;
             }
         }
+        self.expire_drafts().await?;
         let store = self.clone();
         self.uninterrupted(async move {
             let mut connection = store.writer()?.acquire().await?;

@@ -64,7 +64,8 @@ impl Verified {
 }
 
 /// Looks a database file over, without changing it: the integrity of its pages, its references, and every row with
-/// every hash: models, metrics, requests, reports, each column of each recording and the recording as a whole.
+/// every hash: models, metrics, requests, reports and what is kept of them, each column of each recording and the
+/// recording as a whole.
 ///
 /// # Errors
 /// [`StoreError::CannotOpen`] where it is no database of this program, or of another step of its schema.
@@ -105,6 +106,8 @@ pub async fn verify_file(file: &Path) -> StoreResult<Verified> {
     let looked = verified.look_at_recordings(&mut connection).await;
     verified.unless_broken(looked)?;
     let looked = verified.look_at_reports(&mut connection).await;
+    verified.unless_broken(looked)?;
+    let looked = verified.look_at_estimates(&mut connection).await;
     verified.unless_broken(looked)?;
     connection.close().await?;
     Ok(verified)
@@ -210,6 +213,32 @@ impl Verified {
             if (rows.len() as i64) < LARGE_AT_ONCE {
                 return Ok(());
             }
+        }
+    }
+}
+
+impl Verified {
+    /// What is kept of reports beside them.
+    async fn look_at_estimates(&mut self, connection: &mut SqliteConnection) -> StoreResult<()> {
+        let mut after = String::new();
+        loop {
+            // All rows of so many analyses: pages end between two.
+            let rows = sqlx::query(
+                "SELECT analysis_id AS id, estimate, sha256 FROM analysis_estimates WHERE analysis_id IN
+                    (SELECT DISTINCT analysis_id FROM analysis_estimates WHERE analysis_id > $1
+                     ORDER BY analysis_id LIMIT $2)
+                 ORDER BY analysis_id",
+            )
+            .bind(&after)
+            .bind(AT_ONCE)
+            .fetch_all(&mut *connection)
+            .await?;
+            let Some(last) = rows.last() else { return Ok(()) };
+            for row in &rows {
+                let id: String = row.try_get("id")?;
+                self.take(AnalysisRecord::NAME, &id, super::estimates::verified(row).map(drop))?;
+            }
+            after = last.try_get("id")?;
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::level::{Level, Reason, Trust};
 use super::rule::{CONSTANTS, advice};
+use serde::{Deserialize, Serialize};
 
 /// What sort of quantity is judged: not every row is about every quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,7 +16,8 @@ pub enum Sort {
 }
 
 /// Whether the recorded output follows from the control through the plant.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Agreement {
     /// As far as is known, it does.
     #[default]
@@ -27,7 +29,7 @@ pub enum Agreement {
 }
 
 /// What an analysis says of everything that it identified from a trial.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
     /// Whether the recorded output follows from the control.
     pub agreement: Agreement,

@@ -27,6 +27,13 @@ const places = async () => {
   return { first, second, subject, trials, pool, error };
 };
 
+/** How many trials the first study has. */
+const stored = async () => {
+  const subjects = (await json(`/v1/studies/${found.first}/subjects`)).items;
+  const lists = await Promise.all(subjects.map(({ id }) => json(`/v1/subjects/${id}/trials?limit=200`)));
+  return lists.reduce((sum, { items }) => sum + items.length, 0);
+};
+
 const found = await places();
 const last = found.trials.at(-1).id;
 const nobody = '0199d2f4-7a3c-7bb0-8a41-2f6a7e1c9d10';
@@ -39,6 +46,9 @@ const pages = [
   ['subject', filled, `/subjects/${found.subject}`], ['trial', filled, `/trials/${last}`],
   ['trial-zoomed', filled, `/trials/${last}?from=20&to=25`],
   ['start', filled, `/analyses/new?kind=ssid&trial=${last}`], ['start-study', filled, `/analyses/new?study=${found.first}`],
+  ['compare', filled, `/compare?study=${found.first}&curve=trials`], ['report', filled, `/studies/${found.first}/report`],
+  ['excitation', filled, '/excitation'], ['excitation-multisine', filled, '/excitation?kind=multisine'], ['excitation-wrong', empty, '/excitation?order=1'],
+  ['upload', filled, '/upload'], ['upload-study', filled, `/upload?study=${found.first}`], ['empty-upload', empty, '/upload'],
   ['analysis-pool', filled, `/analyses/${found.pool}`], ['analysis-error', filled, `/analyses/${found.error}`],
 ];
 const isRefused = (name) => name.startsWith('no');
@@ -156,6 +166,85 @@ for (const width of [1280, 400]) {
   await page.close();
 }
 
+// ---- files are dropped, one of them bad; what was understood is mended, stored, identified
+{
+  const rows = (head, step) => {
+    const lines = [head];
+    for (let i = 0; i < 400; i += 1) {
+      const t = i * 0.05;
+      lines.push([step * i, Math.sin(t), 0.4 * Math.cos(1.3 * t + step), Math.sin(t - 0.2)].map((x) => x.toFixed(6)).join(','));
+    }
+    return lines.join('\n');
+  };
+  const files = { 'MP01_t51.csv': rows('t,r,u,y', 0.05), 'MP02 trial 52.csv': rows('Clock,Target,Stick,Cursor', 50), 'photo.csv': '\u0000\u0001<script>alert(1)</script>' };
+  const paths = Object.entries(files).map(([name, text]) => { const path = join(out, name); writeFileSync(path, text); return path; });
+  const page = await browser.page(1280, 'light');
+  await page.go(`${filled}/upload?study=${found.first}`);
+  const [x, y] = await page.value("(() => { const b = document.querySelector('[data-drop]').getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2] })()");
+  const data = { items: [], files: paths, dragOperationsMask: 1 };
+  for (const type of ['dragEnter', 'dragOver', 'drop']) await page.send('Input.dispatchDragEvent', { type, x, y, data });
+  await page.until("location.pathname.startsWith('/upload/') && document.readyState === 'complete'", 'dropped files are looked at');
+  await judge(page, 'draft', filled);
+  writeFileSync(join(out, 'draft.png'), await page.picture());
+  const before = await stored();
+  const button = "[...document.querySelectorAll('button[value=store]')][0]";
+  assert.match(await page.value(`${button}.textContent`), /Store 1 of 3 trials/);
+  assert.equal(await page.value("document.querySelectorAll('.refusal').length"), 3, 'the photograph, of nobody, and unknown columns');
+  // Said by keyboard which column is which.
+  await page.value("[...document.querySelectorAll('details')].forEach((one) => { one.open = true })");
+  for (const [name, text] of Object.entries({ t: 'Clock', r: 'Target', u: 'Stick', y: 'Cursor' })) {
+    await page.value(`document.querySelector('[name="1.${name}"]').focus()`);
+    await page.send('Input.insertText', { text });
+  }
+  await page.value("document.querySelector('[name=\"1.time_unit\"]').value = 'ms'");
+  await page.value("document.querySelector('button[value=look]').click()");
+  await page.until("/Store 2 of 3/.test(document.querySelector('button[value=store]')?.textContent)", 'the columns are understood');
+  await page.value(`${button}.click()`);
+  await page.until("/2 trials are stored/.test(document.querySelector('main')?.textContent)", 'two are stored');
+  assert.equal(await stored(), before + 2);
+  writeFileSync(join(out, 'draft-stored.png'), await page.picture());
+  await judge(page, 'draft-stored', filled);
+  await page.close();
+  const narrow = await browser.page(400, 'dark');
+  await narrow.go(`${filled}/upload?study=${found.first}`);
+  const { root } = await narrow.send('DOM.getDocument');
+  const { nodeId } = await narrow.send('DOM.querySelector', { nodeId: root.nodeId, selector: 'input[type=file]' });
+  await narrow.send('DOM.setFileInputFiles', { nodeId, files: paths });
+  await narrow.value("document.querySelector('form[enctype] button').click()");
+  await narrow.until("location.pathname.startsWith('/upload/') && document.readyState === 'complete'", 'chosen files are looked at');
+  await judge(narrow, 'draft-dark-400', filled);
+  writeFileSync(join(out, 'draft-dark-400.png'), await narrow.picture());
+  await narrow.close();
+}
+
+// ---- from the form to the figure, without leaving the browser
+{
+  const page = await browser.page(1280, 'light');
+  await page.go(`${filled}/analyses/new?kind=frequency_response&trial=${last}`);
+  await page.value("document.querySelector('button[value=check]').click()");
+  await page.until("/It is in order/.test(document.querySelector('main')?.textContent)", 'the form is checked');
+  await judge(page, 'start-checked', filled);
+  await page.value("document.querySelector('button[value=start]').click()");
+  await page.until("location.pathname.startsWith('/analyses/') && document.querySelector('.status')?.textContent === 'succeeded'", 'it is computed');
+  await page.until("document.querySelector('svg.fig[data-figure] path')", 'its figure is drawn');
+  assert.deepEqual(page.errors, []);
+  await page.close();
+}
+
+// ---- an excitation: another chip, another figure, without a mouse
+{
+  const page = await browser.page(1280, 'light');
+  await page.go(`${filled}/excitation`);
+  const drawn = "document.querySelector('.wide svg[data-figure=signal]').dataset.to";
+  const first = await page.value(drawn);
+  await page.value("document.querySelector('[name=chip_s]').select()");
+  await page.send('Input.insertText', { text: '0.1' });
+  await page.press('Enter');
+  await page.until(`location.search.includes('chip_s=0.1') && ${drawn} !== '${first}'`, 'the figure is of the other chip');
+  assert.deepEqual(page.errors, []);
+  await page.close();
+}
+
 // ---- a running analysis is followed to its end without loading the page again; another is cancelled
 {
   const page = await browser.page(1280, 'light');
@@ -164,15 +253,15 @@ for (const width of [1280, 400]) {
   const made = await post('/v1/analyses', { kind: 'ssid', inputs: { trial: last }, spec });
   await page.go(`${filled}/analyses/${made.id}`);
   await page.value('window.mark = 7');
-  await page.until("document.querySelector('.status').textContent === 'succeeded'", 'the analysis is followed to its end', 280000);
+  await page.until("document.querySelector('.status')?.textContent === 'succeeded'", 'the analysis is followed to its end', 280000);
   await page.until("[...document.querySelectorAll('h2')].some((one) => one.textContent === 'What it found')", 'the result is shown');
   assert.equal(await page.value('window.mark'), 7, 'the page was loaded again');
   await judge(page, 'analysis-followed', filled);
   writeFileSync(join(out, 'analysis-followed.png'), await page.picture());
 
-  const long = await post('/v1/analyses', { kind: 'ssid', inputs: { trial: found.trials[0].id }, spec: thinned(4, 3, 1) });
+  const long = await post('/v1/analyses', { kind: 'ssid', inputs: { trial: found.trials[0].id }, spec: thinned(2, 2, 1) });
   await page.go(`${filled}/analyses/${long.id}`);
-  await page.until("document.querySelector('.status').textContent === 'running' && document.querySelector('progress')", 'it runs');
+  await page.until("document.querySelector('.status')?.textContent === 'running' && document.querySelector('progress')", 'it runs');
   writeFileSync(join(out, 'analysis-running.png'), await page.picture());
   await judge(page, 'analysis-running', filled);
   await page.value("document.querySelector('.heading form button').click()");
@@ -188,7 +277,22 @@ for (const width of [1280, 400]) {
   const [top, ground] = await page.value("[getComputedStyle(document.querySelector('.top')).display, getComputedStyle(document.body).backgroundColor]");
   assert.deepEqual([top, ground], ['none', 'rgb(255, 255, 255)']);
   writeFileSync(join(out, 'study-print.png'), await page.picture());
+  await page.go(`${filled}/studies/${found.first}/report`);
+  const { data } = await page.send('Page.printToPDF', { paperWidth: 8.27, paperHeight: 11.69, printBackground: true });
+  const pdf = Buffer.from(data, 'base64');
+  writeFileSync(join(out, 'report.pdf'), pdf);
+  assert.ok(pdf.subarray(0, 5).toString() === '%PDF-' && pdf.length > 20000, `${pdf.length} bytes of paper`);
   await page.close();
+  // The file opens from a disk, with every figure, asking for nothing.
+  const kept = join(out, 'report.html');
+  writeFileSync(kept, Buffer.from(await (await fetch(`${filled}/studies/${found.first}/report.html`)).arrayBuffer()));
+  const file = await browser.page(1280, 'light');
+  await file.go(`file://${kept}`);
+  assert.ok(await file.value("document.querySelectorAll('svg.fig').length") >= 3);
+  assert.deepEqual(file.requests, [`file://${kept}`]);
+  assert.deepEqual(file.errors, []);
+  writeFileSync(join(out, 'report-file.png'), await file.picture());
+  await file.close();
 }
 
 // ---- what the first drawing costs the main thread

@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 use volition::app::demo::simulate::truth;
 use volition::app::demo::{BAND_HZ, DemoArgs, TRIALS, run};
-use volition::config::{CacheArgs, ListenArgs};
-use volition::learning::trust_grid::TrustCounts;
+use volition::config::CacheArgs;
 use volition::simulate::SimulatedStudy;
 use volition::store::{Page, Store, StoredTrust, TrialFilter, TrustFilter};
 use volition::trust::Level;
@@ -39,7 +38,7 @@ async fn demonstration(seed: u64) -> Vec<Judged> {
         subjects,
         html: None,
         serve: false,
-        listen: ListenArgs { listen: "127.0.0.1:0".parse().unwrap(), port: None },
+        listen: "127.0.0.1:0".parse().unwrap(),
         compute_threads: None,
         cache: CacheArgs::default(),
     };
@@ -101,42 +100,62 @@ fn rates<'a>(all: impl Iterator<Item = &'a Judged>) -> Rates {
     rates
 }
 
-fn print(all: &[Judged]) {
-    let mut ways: BTreeMap<(usize, &str, &str), Vec<&Judged>> = BTreeMap::new();
+/// A way of estimating: stimuli, estimator, quantity.
+type Way<'a> = (&'static str, &'a str, &'a str);
+
+fn ways(all: &[Judged]) -> BTreeMap<Way<'_>, Vec<&Judged>> {
+    let mut ways: BTreeMap<Way<'_>, Vec<&Judged>> = BTreeMap::new();
     for own in all {
-        ways.entry((own.study, &own.estimator, &own.quantity)).or_default().push(own);
+        let stimuli = ["command alone", "two stimuli"][own.study % 2];
+        ways.entry((stimuli, &own.estimator, &own.quantity)).or_default().push(own);
     }
-    for ((study, estimator, quantity), own) in &ways {
-        let Rates { bad, good } = rates(own.iter().copied());
-        let levels: Vec<Level> = own.iter().map(|one| one.level).collect();
-        let mut codes: BTreeMap<&str, usize> = BTreeMap::new();
-        for one in own {
-            *codes.entry(&one.code).or_default() += 1;
-        }
-        let stimuli = ["command alone", "two stimuli"][*study % 2];
-        println!(
-            "{stimuli}, {estimator}, {quantity}: not to be used {} of {} bad, {} of {} good; {:?} {codes:?}",
-            bad[0],
-            bad[1],
-            good[0],
-            good[1],
-            TrustCounts::of(&levels)
-        );
+    ways
+}
+
+/// As the table of `docs/trust.md` has them.
+fn line((stimuli, estimator, quantity): Way<'_>, Rates { bad, good }: Rates) -> String {
+    let norm = if quantity == FEEDBACK { "‖Gfb‖" } else { "‖Gff G − 1‖" };
+    format!("| {stimuli} | `{estimator}` | {norm} | {} of {} | {} of {} |", bad[0], bad[1], good[0], good[1])
+}
+
+/// By the row that decides: how many bad and how many good estimates it marks.
+fn by_code(all: &[Judged]) -> BTreeMap<&str, [usize; 2]> {
+    let mut codes: BTreeMap<&str, [usize; 2]> = BTreeMap::new();
+    for own in all.iter().filter(|own| own.level == Level::DoNotUse) {
+        codes.entry(&own.code).or_default()[usize::from(own.error <= FAR)] += 1;
     }
-    let Rates { bad, good } = rates(all.iter());
-    println!("all: not to be used {} of {} bad, {} of {} good", bad[0], bad[1], good[0], good[1]);
+    codes
+}
+
+/// Whether the share of one is larger than that of the other.
+fn is_higher([marked, of]: [usize; 2], [other, of_others]: [usize; 2]) -> bool {
+    marked * of_others > other * of
 }
 
 #[tokio::test]
 async fn what_is_not_to_be_used_is_far_from_the_truth_more_often() {
     let all = demonstration(1).await;
-    print(&all);
-    let of = |study: usize, estimator: &str, quantity: &str| -> Vec<&Judged> {
-        let own = |one: &&Judged| one.study == study && one.estimator == estimator && one.quantity == quantity;
-        all.iter().filter(own).collect()
-    };
-    let counts = |own: &[&Judged]| TrustCounts::of(&own.iter().map(|one| one.level).collect::<Vec<_>>());
-    let expected = |read: usize, do_not_use: usize, ok: usize| TrustCounts { read, do_not_use, ok, not_identified: 0 };
-    assert_eq!(counts(&of(0, "ssid", FEEDBACK)), expected(0, 36, 0));
-    assert_eq!(counts(&of(0, "ssid", DISTANCE)), expected(0, 36, 0));
+    let page = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/trust.md")).unwrap();
+    let lines: Vec<String> = ways(&all).into_iter().map(|(way, own)| line(way, rates(own.into_iter()))).collect();
+    let codes: Vec<String> =
+        by_code(&all).iter().map(|(code, [bad, good])| format!("| `{code}` | {bad} | {good} |")).collect();
+    let Rates { bad, good } = rates(all.iter());
+    println!(
+        "{}\n{}\nall: {} of {} bad, {} of {} good",
+        lines.join("\n"),
+        codes.join("\n"),
+        bad[0],
+        bad[1],
+        good[0],
+        good[1]
+    );
+    assert!(is_higher(bad, good), "the rule does not separate: {bad:?} {good:?}");
+    for estimator in ["prediction_error", "ssid", "ssid_refined"] {
+        let Rates { bad, good } = rates(all.iter().filter(|own| own.estimator == estimator));
+        assert!(is_higher(bad, good), "{estimator}: {bad:?} of the bad, {good:?} of the good");
+    }
+    // The page has these counts, so that a change of the rule is seen there.
+    for line in lines.iter().chain(&codes) {
+        assert!(page.contains(line), "docs/trust.md has not\n{line}\nbut\n{}\n{}", lines.join("\n"), codes.join("\n"));
+    }
 }

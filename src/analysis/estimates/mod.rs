@@ -1,10 +1,13 @@
 //! What reports of each estimator say about a trial: the numbers that people take from them, and how far each may be
 //! used.
 
+mod answers;
 mod evidence;
+mod kept;
 mod quantities;
 
 pub use evidence::evidence;
+pub use kept::{Kept, KeptEstimate, kept};
 pub use quantities::{QuantityTrust, quantities};
 
 use super::Report;

@@ -1,9 +1,8 @@
 //! Every quantity that people take from a report, with how far it may be used.
 
-use super::{About, identification};
-use crate::analysis::{Analysis, Kind, Report};
+use super::answers::answers;
+use crate::analysis::{Analysis as _, Report};
 use crate::analysis::{gain_fit, inverse_lqe, inverse_lqg, inverse_lqr, lqg_fit};
-use crate::analysis::{prediction_error, ssid, two_stimulus};
 use crate::control::Model;
 use crate::learning::inputs::Estimator;
 use crate::learning::trust_of_identification;
@@ -28,19 +27,6 @@ pub struct QuantityTrust {
     pub trust: Trust,
 }
 
-/// The estimators that a kind of analysis answers by.
-fn estimators(kind: Kind) -> &'static [Estimator] {
-    if kind == ssid::Plan::KIND {
-        &[Estimator::Ssid, Estimator::SsidRefined]
-    } else if kind == two_stimulus::Plan::KIND {
-        &[Estimator::TwoStimulus]
-    } else if kind == prediction_error::Plan::KIND {
-        &[Estimator::PredictionError]
-    } else {
-        &[]
-    }
-}
-
 /// The quantities of a report about trials on `plant`: a pure function of both. Divergence is no part of it, since a
 /// study's display limit may change.
 ///
@@ -48,22 +34,16 @@ fn estimators(kind: Kind) -> &'static [Estimator] {
 #[must_use]
 pub fn quantities(report: &Report, plant: Option<&Model>) -> Vec<QuantityTrust> {
     let mut all = Vec::new();
-    let positions = report.result.get("trials").and_then(Value::as_array).map_or(1, Vec::len);
-    for estimator in estimators(report.kind) {
-        let positions = if *estimator == Estimator::PredictionError { positions } else { 1 };
-        for position in 0..positions {
-            let about = About { analysis: "", spec_sha256: &report.provenance.spec_sha256, position, report };
-            // A report that cannot be read has no quantities, as a curve leaves it out.
-            let Ok(Some(found)) = identification(*estimator, about, plant) else { continue };
-            let estimator = Some(*estimator);
-            all.extend(trust_of_identification(&found).into_iter().map(|own| QuantityTrust {
-                position,
-                estimator,
-                value: own.value,
-                interval_95: own.interval_95,
-                trust: own.trust,
-            }));
-        }
+    for answer in answers(report, plant) {
+        // A report that cannot be read has no quantities, as a curve leaves it out.
+        let Ok(found) = &answer.found else { continue };
+        all.extend(trust_of_identification(found).into_iter().map(|own| QuantityTrust {
+            position: answer.position,
+            estimator: Some(answer.estimator),
+            value: own.value,
+            interval_95: own.interval_95,
+            trust: own.trust,
+        }));
     }
     let others = if report.kind == gain_fit::Plan::KIND {
         gains(report)

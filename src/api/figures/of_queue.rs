@@ -26,11 +26,20 @@ pub(crate) async fn read(
     Params(query): Params<FigureQuery>,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
-    let passages = state.store.passages(HOURS).await?;
+    let passages = lately(&state).await?;
+    answer(&state, &headers, query, None, move || Ok(queue(&passages, HOURS))).await
+}
+
+async fn lately(state: &AppState) -> ApiResult<Vec<Passage>> {
     let own = |own: Stored| {
         let Stored { created_h, started_h, finished_h, failed } = own;
         Passage { created_h, started_h, finished_h, failed }
     };
-    let passages: Vec<Passage> = passages.into_iter().map(own).collect();
-    answer(&state, &headers, query, None, move || Ok(queue(&passages, HOURS))).await
+    Ok(state.store.passages(HOURS).await?.into_iter().map(own).collect())
+}
+
+/// The same figure, to be drawn elsewhere.
+pub(crate) async fn queue_figure(state: &AppState) -> ApiResult<Figure> {
+    let passages = lately(state).await?;
+    Ok(queue(&passages, HOURS))
 }

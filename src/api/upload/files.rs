@@ -116,24 +116,26 @@ pub(super) fn with_sidecars(files: Vec<File>) -> Result<Vec<File>, Problem> {
     if !files.iter().any(|file| companions(file).is_some()) {
         return Ok(files);
     }
-    let find = |name: &str| files.iter().find(|file| file.name.as_deref() == Some(name)).map(|file| file.bytes.clone());
     let mut tables = Vec::new();
     for file in &files {
         if file.is_metadata() {
             tables.push(file.clone());
         }
-        let Some([channels, description]) = companions(file) else { continue };
-        let sidecar = match find(&channels) {
-            Some(bytes) => {
-                let beside = find(&description);
-                let description = beside.as_ref().map(|bytes| (description.as_str(), &bytes[..]));
-                Some(bids::sidecar((&channels, &bytes), description)?)
-            }
-            None => None,
-        };
-        tables.push(File { sidecar, ..file.clone() });
+        if companions(file).is_some() {
+            tables.push(File { sidecar: sidecar_of(file, &files)?, ..file.clone() });
+        }
     }
     Ok(tables)
+}
+
+/// What stands beside a table of Motion-BIDS.
+pub(super) fn sidecar_of(file: &File, all: &[File]) -> Result<Option<Sidecar>, Problem> {
+    let find = |name: &str| all.iter().find(|file| file.name.as_deref() == Some(name)).map(|file| file.bytes.clone());
+    let Some([channels, description]) = file.name.as_deref().and_then(bids::companions) else { return Ok(None) };
+    let Some(bytes) = find(&channels) else { return Ok(None) };
+    let beside = find(&description);
+    let description = beside.as_ref().map(|bytes| (description.as_str(), &bytes[..]));
+    Ok(Some(bids::sidecar((&channels, &bytes), description)?))
 }
 
 /// Unpacks gzip in memory, up to a limit.

@@ -27,6 +27,48 @@ pub(super) struct Said {
     pub(crate) warnings: Vec<Warning>,
 }
 
+/// Reads and measures a file recorded on `plant`; its number is 0 for now where it has none.
+pub(super) fn parse(
+    file: &File,
+    budget: &mut Budget,
+    options: &Options,
+    plant: &Plant,
+    [number, session]: [Option<i64>; 2],
+) -> Result<(NewTrial, Said), Problem> {
+    let Reading { trial, understood, ignored_columns, warnings: done, .. } = file.read(budget, options)?;
+    let measured = time_domain::metrics(&trial, &plant.model);
+    let metrics = serde_json::to_value(&measured).map_err(|error| {
+        tracing::error!(%error, "metrics could not be written");
+        internal()
+    })?;
+    let mut warnings = Vec::new();
+    if let Some(period) = plant.model.sample_time_s()
+        && (period - trial.sample_time_s).abs() > SAMPLE_TIME_TOLERANCE * period
+    {
+        warnings.push(Warning::new(
+            "sample_time_differs",
+            format!(
+                "the trial's sample time is {} s, that of its plant '{}' is {period} s",
+                trial.sample_time_s, plant.name
+            ),
+        ));
+    }
+    let mut own = done;
+    own.extend(doubts(&trial, &plant.model));
+    warnings.extend(own.iter().cloned());
+    let new = NewTrial {
+        plant: plant.id,
+        number: number.unwrap_or(0),
+        session,
+        sha256: hexadecimal(&trial.content_sha256()),
+        max_abs_output: measured.max_abs_output,
+        metrics,
+        warnings: own,
+        trial,
+    };
+    Ok((new, Said { name: file.name.clone(), ignored_columns, understood, warnings }))
+}
+
 /// Reads and measures the files; a number that is left to the server is 0 for now.
 pub(super) fn parse_all(
     files: Vec<File>,
@@ -35,41 +77,11 @@ pub(super) fn parse_all(
     options: &Options,
 ) -> Result<(Vec<NewTrial>, Vec<Said>), Problem> {
     let mut budget = Budget::new(limits);
-    let mut parsed = Vec::with_capacity(files.len());
-    for (file, (wanted, plant)) in files.into_iter().zip(wanted) {
-        let Reading { trial, understood, ignored_columns, warnings: done, .. } = file.read(&mut budget, options)?;
-        let measured = time_domain::metrics(&trial, &plant.model);
-        let metrics = serde_json::to_value(&measured).map_err(|error| {
-            tracing::error!(%error, "metrics could not be written");
-            internal()
-        })?;
-        let mut warnings = Vec::new();
-        if let Some(period) = plant.model.sample_time_s()
-            && (period - trial.sample_time_s).abs() > SAMPLE_TIME_TOLERANCE * period
-        {
-            warnings.push(Warning::new(
-                "sample_time_differs",
-                format!(
-                    "the trial's sample time is {} s, that of its plant '{}' is {period} s",
-                    trial.sample_time_s, plant.name
-                ),
-            ));
-        }
-        let mut own = done;
-        own.extend(doubts(&trial, &plant.model));
-        warnings.extend(own.iter().cloned());
-        let new = NewTrial {
-            plant: wanted.plant,
-            number: wanted.number.unwrap_or(0),
-            session: wanted.session,
-            sha256: hexadecimal(&trial.content_sha256()),
-            max_abs_output: measured.max_abs_output,
-            metrics,
-            warnings: own,
-            trial,
-        };
-        parsed.push((new, Said { name: file.name, ignored_columns, understood, warnings }));
-    }
+    let parsed = files
+        .into_iter()
+        .zip(wanted)
+        .map(|(file, (wanted, plant))| parse(&file, &mut budget, options, plant, [wanted.number, wanted.session]));
+    let parsed: Vec<(NewTrial, Said)> = parsed.collect::<Result<_, _>>()?;
     Ok(parsed.into_iter().unzip())
 }
 

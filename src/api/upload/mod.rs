@@ -3,6 +3,7 @@
 mod assign;
 mod files;
 mod keep;
+mod preview;
 
 use super::answer::created;
 use super::etag;
@@ -28,6 +29,7 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use files::File;
 use keep::{parse_all, remarks, store};
+pub(crate) use preview::{Preview, Wish, preview, sent_files, stand_beside};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;

@@ -111,7 +111,10 @@ mod tests {
                 "do": "", "also": []})
         };
         let plant = json!({"id": "p", "name": "lag"});
-        let row = |code: &str, trials: Vec<serde_json::Value>| json!({"subject": code, "code": code, "group": "g", "plant": plant, "trials": trials});
+        let row = |code: &str, trials: Vec<serde_json::Value>| {
+            json!({"subject": code, "code": code, "group": "g",
+            "plant": plant, "trials": trials})
+        };
         let rows = vec![
             row("B", vec![cell(40, Some(0.5), "do_not_use", "spread_too_wide"), cell(1, Some(1.5), "ok", "ok")]),
             row("A", vec![cell(5, None, "not_identified", "not_identified")]),

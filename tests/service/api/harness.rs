@@ -171,6 +171,16 @@ impl TestServer {
         self.upload_csv(lab, &format!("&number={number}&session=1"), csv).await.id(201)
     }
 
+    /// Changes the database behind the server's back.
+    pub async fn meddle(&self, sql: &'static str) {
+        use sqlx::Connection as _;
+        let path = self.folder.as_ref().unwrap().path().join("volition.db");
+        let options = sqlx::sqlite::SqliteConnectOptions::new().filename(path);
+        let mut connection = sqlx::SqliteConnection::connect_with(&options).await.unwrap();
+        sqlx::query(sql).execute(&mut connection).await.unwrap();
+        connection.close().await.unwrap();
+    }
+
     /// How many studies, plants, subjects, trials and analyses there are.
     pub async fn census(&self) -> [usize; 5] {
         let page = Page { after: None, limit: 500 };

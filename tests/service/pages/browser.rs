@@ -1,5 +1,6 @@
 //! Every page in a real browser: no error, nothing from elsewhere, nothing that a person without sight, colours or
-//! mouse would miss; dragging, keys, following, cancelling.
+//! mouse
+//! would miss; dragging, keys, following, cancelling.
 //!
 //! Chromium is driven by `tests/browser/pages.mjs`. Without it, or before `tests/browser/install`, this test is left
 //! out and says so on standard error, past what the test harness captures.

@@ -12,6 +12,15 @@ const TRIALS: usize = 40;
 /// Bytes of a study's page as they come over the wire.
 const MOST_PACKED: usize = 150_000;
 
+/// Bytes of a study's report, as a file.
+const MOST_REPORT: usize = 2_000_000;
+
+/// One of the analyses of a study that succeeded.
+async fn report_of(server: &TestServer, study: &str) -> String {
+    let list = server.get(&format!("/v1/analyses?study={study}&status=succeeded&limit=1")).await.json(200);
+    list["items"][0]["id"].as_str().unwrap().to_owned()
+}
+
 /// Reports of one trial stand in for those of all others: what they weigh is the same.
 #[tokio::test]
 async fn the_page_of_a_large_study_is_small() {
@@ -60,6 +69,17 @@ async fn the_page_of_a_large_study_is_small() {
         began.elapsed().as_secs_f64()
     );
     assert!(packed <= MOST_PACKED, "{packed} bytes");
+    // None of this was read from a report: with all of them damaged it is the same, and so are the curves.
+    let curves = format!("/v1/studies/{}/learning-curves?estimator=prediction_error", lab.study);
+    let before = server.get(&curves).await;
+    server.meddle("UPDATE analyses SET report = 'damaged' WHERE report IS NOT NULL").await;
+    let own = &report_of(&server, &lab.study).await;
+    assert_eq!(server.get(&format!("/v1/analyses/{own}/report")).await.status.as_u16(), 500, "a report is damaged");
+    let damaged = page(&server, &format!("/studies/{}", lab.study)).await;
+    assert_eq!(damaged.header("etag"), seen.header("etag"), "the page of a study reads reports");
+    assert_eq!(server.get(&curves).await.bytes, before.bytes, "curves read reports");
+    let file = page(&server, &format!("/studies/{}/report", lab.study)).await;
+    assert!(file.text.len() <= MOST_REPORT, "{} bytes of report", file.text.len());
     assert_eq!(seen.text.matches("class=\"cell ").count(), PEOPLE * TRIALS);
     page(&server, "/").await.has("440/440");
     server.finish().await;

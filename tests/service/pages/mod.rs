@@ -2,9 +2,11 @@
 
 mod browser;
 mod budget;
+mod documents;
 mod safety;
 mod shown;
 mod start;
+mod uploads;
 
 use crate::api::harness::{Lab, TestServer};
 use serde_json::json;

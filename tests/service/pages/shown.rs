@@ -90,8 +90,9 @@ async fn a_sentence_whose_numbers_are_not_to_be_used_is_no_statement() {
     server.work().await;
     let seen = page(&server, &format!("/studies/{}", lab.study)).await;
     // The command alone tells no feedback: six values of ‖Gfb‖, none to be used.
-    seen.has("No statement about the gain of the feedback, ‖Gfb‖: 6 of the 6 values");
-    seen.has("the command alone hardly tells feedback from feedforward");
+    seen.has("No statement about the gain of the feedback, ‖Gfb‖ (means ");
+    seen.has("): 6 of the 6 values are not to be used. Restrict the pool, or record with a second stimulus.");
+    seen.has("in 4 of 6 values, among candidates that fit nearly as well the greatest value is more than three times");
     page(&server, &format!("/studies/{}?quantity=norm_feedback", lab.study)).await.has("6 do not use");
     server.finish().await;
 }

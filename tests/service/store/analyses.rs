@@ -1,5 +1,7 @@
 use super::*;
+use volition::analysis::estimates::KeptEstimate;
 use volition::analysis::ids::AnalysisId;
+use volition::analysis::prediction_error;
 use volition::jobs::{Event, Job, Status};
 use volition::store::{AnalysisFilter, AnalysisRecord, Claim, Lease, RunFilter, RunProgress};
 
@@ -120,38 +122,56 @@ async fn a_run_counts_what_was_asked_for_in_the_same_way() {
 }
 
 #[tokio::test]
-async fn reports_of_trials_are_of_single_trials_oldest_first() {
+async fn estimates_of_trials_are_of_single_trials_oldest_first() {
     let bench = Bench::new().await;
     let store = &bench.store;
     let (_, plant, subject) = bench.lab().await;
     let (one, two) = (bench.trial(subject, plant, 1).await, bench.trial(subject, plant, 2).await);
-    let done = async |new: NewAnalysis, cost: f64| {
+    let done = async |new: NewAnalysis, report: Report| {
         let id = store.create_analysis(new, None).await.unwrap().into_inner().id;
         let lease = store.claim("w", 15.0).await.unwrap().unwrap().lease;
         assert_eq!(lease.analysis, id);
-        assert!(store.succeed(&lease, &report(cost)).await.unwrap());
+        assert!(store.succeed(&lease, &report).await.unwrap());
         id
     };
-    let first = done(new_analysis(vec![one]), 1.0).await;
-    let both = done(new_analysis(vec![one, two]), 2.0).await;
-    done(NewAnalysis { kind: frequency_response::Plan::KIND, ..new_analysis(vec![one]) }, 3.0).await;
-    let again = done(NewAnalysis { spec_sha256: "6".repeat(64), ..new_analysis(vec![one]) }, 4.0).await;
-    let of_two = done(new_analysis(vec![two]), 5.0).await;
+    let first = done(new_analysis(vec![one]), report(1.0)).await;
+    done(new_analysis(vec![one, two]), report(2.0)).await;
+    done(NewAnalysis { kind: frequency_response::Plan::KIND, ..new_analysis(vec![one]) }, {
+        Report { kind: frequency_response::Plan::KIND, ..report(3.0) }
+    })
+    .await;
+    let again = done(NewAnalysis { spec_sha256: "6".repeat(64), ..new_analysis(vec![one]) }, report(4.0)).await;
+    let of_two = done(new_analysis(vec![two]), report(5.0)).await;
+    // Its result goes trial by trial.
+    let norm = |value: f64| json!({"metrics": {}, "stable": true, "accounted_for": {"simulated_y": value}});
+    let several = Report::new(
+        prediction_error::Plan::KIND,
+        1,
+        json!({"trials": [norm(0.1), norm(0.2)]}),
+        Vec::new(),
+        json!({}),
+        Default::default(),
+        None,
+    );
+    let both = done(NewAnalysis { kind: prediction_error::Plan::KIND, ..new_analysis(vec![one, two]) }, several).await;
     store.create_analysis(new_analysis(vec![two]), None).await.unwrap();
     let lease = store.claim("w", 15.0).await.unwrap().unwrap().lease;
     store.fail(&lease, &problem()).await.unwrap();
     store.create_analysis(new_analysis(vec![two]), None).await.unwrap();
 
-    let found = store.reports_of_trials(&[two, one], ssid::Plan::KIND, false).await.unwrap().found;
-    let brief: Vec<_> = found.iter().map(|r| (r.trial, r.analysis, (*r.report).clone())).collect();
-    assert_eq!(brief, [(two, of_two, report(5.0)), (one, first, report(1.0)), (one, again, report(4.0))]);
+    let found = store.estimates_of_trials(&[two, one], None).await.unwrap().found;
+    let brief: Vec<_> = found.iter().map(|own| (own.trial, own.analysis, own.estimator.as_str())).collect();
+    assert_eq!(brief, [(two, of_two, "ssid"), (one, first, "ssid"), (one, again, "ssid")]);
     assert_eq!(found[2].spec_sha256, "6".repeat(64));
-    assert_eq!(store.reports_of_trials(&[one], frequency_response::Plan::KIND, false).await.unwrap().found.len(), 1);
-    assert_eq!(store.reports_of_trials(&[], ssid::Plan::KIND, false).await.unwrap(), Default::default());
-    // Those of several trials, each with its position among them.
-    let joint = store.reports_of_trials(&[two, one], ssid::Plan::KIND, true).await.unwrap().found;
-    let brief: Vec<_> = joint.iter().map(|r| (r.trial, r.position, r.analysis)).collect();
+    // A report that cannot be read says why, as often as it is asked.
+    assert!(matches!(&found[0].estimate, KeptEstimate::Refused(why) if why.contains("feedforward")), "{found:?}");
+    assert_eq!(store.estimates_of_trials(&[], None).await.unwrap(), Default::default());
+    // Those of several trials, each with its position among them, of the estimator that is asked for.
+    let joint = store.estimates_of_trials(&[two, one], Some("prediction_error")).await.unwrap().found;
+    let several: Vec<_> = joint.iter().filter(|own| own.estimator == "prediction_error").collect();
+    let brief: Vec<_> = several.iter().map(|own| (own.trial, own.position, own.analysis)).collect();
     assert_eq!(brief, [(two, 1, both), (one, 0, both)]);
+    assert_eq!(joint.len(), 5);
 }
 
 /// What the pure rules and the database look at, side by side.

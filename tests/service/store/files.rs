@@ -279,10 +279,13 @@ async fn damage_is_noticed_and_named() {
     assert_damaged(store.trial_signals(id(3)).await, "sample time");
     assert_eq!(store.trial_signals(id(4)).await.unwrap(), new_trial(plant.id, 5).trial);
     assert_damaged(store.report_json(analysis.id).await, "report");
-    // Where there are several, the others are given, and the damaged ones named.
-    let reports = store.reports_of_trials(&[id(0)], ssid::Plan::KIND, false).await.unwrap();
-    assert_eq!((reports.found.len(), reports.damaged.len()), (0, 1));
-    assert!(reports.damaged[0].0 == analysis.id && reports.damaged[0].1.contains("report"), "{reports:?}");
+    // What is kept of a report needs no report. Where that is damaged too, the others are given, and it is named.
+    let estimates = store.estimates_of_trials(&[id(0)], None).await.unwrap();
+    assert_eq!((estimates.found.len(), estimates.damaged.len()), (1, 0));
+    assert_eq!(tamper(&path, "UPDATE analysis_estimates SET estimate = replace(estimate, 'it', 'It')").await, 1);
+    let estimates = store.estimates_of_trials(&[id(0)], None).await.unwrap();
+    assert_eq!((estimates.found.len(), estimates.damaged.len()), (0, 1));
+    assert!(estimates.damaged[0].0 == analysis.id && estimates.damaged[0].2.contains("hash"), "{estimates:?}");
     let references = volition::analysis::References { trials: vec![id(0)], plants: vec![] };
     assert_damaged(store.library(&references).await, "column y");
     // Still a model, and a wrong one.

@@ -11,8 +11,8 @@ const MAY: [(&str, &str); 10] = [
     ("what is under way", "SCAN analyses USING INDEX analyses_leased"),
     // Everything is asked for, and an index has it.
     ("analyses by status", "SCAN analyses USING COVERING INDEX"),
-    ("reports of trials", "SCAN t VIRTUAL TABLE"),
-    ("reports of trials", "USE TEMP B-TREE FOR ORDER BY"),
+    ("estimates of trials", "SCAN t VIRTUAL TABLE"),
+    ("estimates of trials", "USE TEMP B-TREE FOR ORDER BY"),
     ("trials of a study, to be drawn", "USE TEMP B-TREE FOR"),
     ("trials of a subject, to be drawn", "USE TEMP B-TREE FOR"),
     // Over an index that has all that is asked for.
@@ -36,11 +36,11 @@ fn assert_good(plans: &[(String, String, Vec<String>)]) {
     }
     let steps_of = |list: &str| &plans.iter().find(|(name, ..)| name == list).unwrap().2;
     // The case that took 65 s: the trial first, then its analyses, each by its id.
-    let reports = steps_of("reports of trials");
+    let estimates = steps_of("estimates of trials");
     let place =
-        |what: &str| reports.iter().position(|step| step.contains(what)).unwrap_or_else(|| panic!("{reports:#?}"));
-    assert!(place("analysis_trials_by_trial (trial_id=?)") < place("SEARCH a"), "{reports:#?}");
-    assert!(reports[place("SEARCH a")].contains("(id=?)"), "{reports:#?}");
+        |what: &str| estimates.iter().position(|step| step.contains(what)).unwrap_or_else(|| panic!("{estimates:#?}"));
+    assert!(place("analysis_trials_by_trial (trial_id=?)") < place("SEARCH a"), "{estimates:#?}");
+    assert!(estimates[place("SEARCH a")].contains("(id=?)"), "{estimates:#?}");
     assert!(steps_of("analyses by [study, kind, status]")[0].contains("analyses_by_study (study_id=? AND id>?)"));
     assert!(steps_of("analyses by [status]")[0].contains("analyses_by_status (status=? AND id>?)"));
     assert!(steps_of("the next in the queue").iter().any(|step| step.contains("analyses_queue")));
