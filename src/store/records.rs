@@ -1,7 +1,9 @@
 //! What the store takes and gives, in the words of the domain.
 
-use super::units::{SignalUnits, UnitsChange};
-use super::used::UsedTrials;
+use super::{
+    units::{SignalUnits, UnitsChange},
+    used::UsedTrials,
+};
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
 use crate::analysis::{Incumbent, Kind, Problem, Report, Request, Warning};
 use crate::control::Model;
