@@ -10,8 +10,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// What every command's exit code says.
-const EXIT_CODES: &str = "Exit codes: 0 it is done; 1 it was tried and failed, or something is damaged; 2 what was asked \
-                          for makes no sense; 130 it was interrupted.";
+const EXIT_CODES: &str = "Exit codes: 0 it is done; 1 it was tried and failed, or something is damaged; 2 what was \
+                          asked for makes no sense; 130 it was interrupted.";
 
 /// Which control law, and which intent, produced this human motion?
 #[derive(Debug, Parser)]

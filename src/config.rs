@@ -164,7 +164,7 @@ pub enum ConfigError {
     NotLoopback(SocketAddr),
     /// A browser would never send it as an origin.
     #[error(
-        "--allow-origin takes http://HOST or https://HOST, with a port where it has one and nothing behind it, not '{0}'"
+        "--allow-origin takes http://HOST or https://HOST, with a port where it has one and nothing behind, not '{0}'"
     )]
     NoOrigin(String),
     /// A limit of zero would refuse everything.

@@ -171,8 +171,8 @@ impl From<StoreError> for ApiError {
                 let problem = Problem::new(Code::Conflict, rule.replace('_', " "), detail.clone());
                 match *rule {
                     "trial_in_use" => problem.at("/plant").mend(
-                        "GET /v1/analyses?trial=ID lists them. DELETE each, repeat the change, and ask for them anew; or \
-                         leave the trial as it is.",
+                        "GET /v1/analyses?trial=ID lists them. DELETE each, repeat the change, and ask for them anew; \
+                         or leave the trial as it is.",
                     ),
                     "cursor_gone" => problem.at("query parameter cursor").mend("Start without a cursor."),
                     _ => problem,

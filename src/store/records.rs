@@ -1,5 +1,6 @@
 //! What the store takes and gives, in the words of the domain.
 
+use super::on_plant::OnPlant;
 use super::reading::StudyReading;
 use super::units::{SignalUnits, UnitsChange};
 use super::used::UsedTrials;
@@ -292,17 +293,6 @@ pub struct TrialPatch {
     pub excluded: Option<Option<String>>,
     /// Another plant, with what was measured and doubted on it.
     pub plant: Option<OnPlant>,
-}
-
-/// A plant that a trial was recorded on after all, with what follows from it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct OnPlant {
-    /// The plant, of the same study.
-    pub plant: PlantId,
-    /// Time-domain metrics on this plant, a JSON object.
-    pub metrics: serde_json::Value,
-    /// What must be read before the trial is used.
-    pub warnings: Vec<Warning>,
 }
 
 /// Which trials of a study.

@@ -1,8 +1,8 @@
 //! Clients of this repository, and those that others' tools generate from the committed document: they do the whole
 //! round with a real server.
 //!
-//! The tools come from `tests/clients/install`; without them, without Python or without Octave, these tests are left out
-//! and say so on standard error, past what the test harness captures.
+//! The tools come from `tests/clients/install`; without them, without Python or without Octave, these tests are left
+//! out and say so on standard error, past what the test harness captures.
 
 use crate::process::harness::Server;
 use std::io::Write as _;

@@ -303,7 +303,6 @@ fn the_chosen_trial_and_the_trimmed_subjects() {
             divergent.divergent = true;
             let trials = vec![
                 divergent,
-                excluded: None,
                 trial(3, 1.0, vec![]),
                 trial(2, 1.0, vec![identification("y", "s", gain, 1.0)]),
                 trial(1, 1.0, vec![identification("x", "s", 5.0, 1.0)]),

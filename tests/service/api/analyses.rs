@@ -225,7 +225,7 @@ async fn an_idempotent_request_is_queued_once() {
     let again = server.send(post("/v1/analyses", &request(&trial))).await;
     assert_eq!((again.id(202), again.header("idempotent-replayed")), (first, "true"));
     let bulk = format!("/v1/studies/{}/analyses", lab.study);
-    let body = json!({"kind": "frequency_response"});
+    let body = json!({"kind": "frequency_response", "only": "all"});
     let first = server.send(post(&bulk, &body)).await.json(202);
     server.trial(&lab, 2).await;
     assert_eq!(server.send(post(&bulk, &body)).await.json(202), first, "a replay answers for the trials of then");
@@ -267,7 +267,8 @@ async fn a_study_is_analysed_trial_by_trial() {
 
     let filter =
         json!({"subject": trials_subject(&server, &trials[0]).await, "session": 1, "number_from": 2, "number_to": 3});
-    let some = server.post(&path, &json!({"kind": "frequency_response", "filter": filter})).await.json(202);
+    let body = json!({"kind": "frequency_response", "only": "all", "filter": filter});
+    let some = server.post(&path, &body).await.json(202);
     assert_eq!(of(&some), trials[1..3]);
     assert_eq!(some["skipped"], json!([]));
     let wild = json!({"number_from": 5, "include_divergent": true});

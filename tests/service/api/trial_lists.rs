@@ -1,4 +1,5 @@
-//! Trials of a study and of a subject: filtered, sorted, streamed; trials that are noted, excluded, put on another plant.
+//! Trials of a study and of a subject: filtered, sorted, streamed; trials that are noted, excluded, put
+//! on another plant.
 
 use crate::api::harness::{Lab, TestServer, recording};
 use serde_json::{Value, json};

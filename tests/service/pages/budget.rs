@@ -53,7 +53,7 @@ async fn the_page_of_a_large_study_is_small() {
         server.work().await;
         let report = server.get(&format!("/v1/analyses/{own}/report")).await.json(200);
         let report: Report = serde_json::from_value(report).unwrap();
-        let body = json!({"kind": kind, "spec": spec});
+        let body = json!({"kind": kind, "spec": spec, "only": "all"});
         let run = server.post(&format!("/v1/studies/{}/analyses", lab.study), &body).await.json(202);
         assert_eq!(run["created"], PEOPLE * TRIALS);
         while let Some(claim) = server.store.claim("test", 60.0).await.unwrap() {
