@@ -74,7 +74,7 @@ pub(crate) async fn run(served: Served, database: &DatabaseArgs, cache: &CacheAr
     let listener = TcpListener::bind(address).await.with_context(|| format!("cannot listen on {address}"))?;
     let address = listener.local_addr()?;
 
-    let shutdown = stop_on_signal();
+    let shutdown = stop_on_signal()?;
     let state =
         AppState::new(store.clone()).with_limits(limits).with_cache(pools.counters()).with_shutdown(shutdown.clone());
     let state = state.with_origins(origins);
@@ -127,7 +127,7 @@ pub async fn work(
     let store = open(database).await?;
     let pools = cache.pools(Some(&database.database));
     let worker = Worker::new(store.clone(), Arc::new(Analyses::new(pools)), worker.settings())?;
-    let shutdown = stop_on_signal();
+    let shutdown = stop_on_signal()?;
     let idle = async {
         while until_idle && !shutdown.is_cancelled() {
             if is_idle(&store).await? {
@@ -171,40 +171,57 @@ async fn is_idle(store: &Store) -> StoreResult<bool> {
 }
 
 /// Cancelled by the first SIGINT or SIGTERM. The second ends the process at once; leases take care of its work.
-fn stop_on_signal() -> CancellationToken {
+fn stop_on_signal() -> std::io::Result<CancellationToken> {
     let token = CancellationToken::new();
     let cancelled = token.clone();
+    // Listened to from here on, and not only once the task has begun.
+    let mut signals = Signals::new()?;
     tokio::spawn(async move {
-        signal().await;
+        signals.next().await;
         tracing::info!("stopping; once more stops at once");
         cancelled.cancel();
-        signal().await;
+        signals.next().await;
         tracing::warn!("stopped at once; analyses under way are rescued when their leases run out");
         std::process::exit(i32::from(INTERRUPTED));
     });
-    token
+    Ok(token)
+}
+
+/// The signals by which a person or a system asks the process to stop.
+#[cfg(unix)]
+struct Signals {
+    interrupt: tokio::signal::unix::Signal,
+    terminate: tokio::signal::unix::Signal,
 }
 
 #[cfg(unix)]
-async fn signal() {
-    use tokio::signal::unix::{SignalKind, signal};
-    let terminate = async {
-        match signal(SignalKind::terminate()) {
-            Ok(mut stream) => {
-                stream.recv().await;
-            }
-            Err(_) => std::future::pending().await,
+impl Signals {
+    fn new() -> std::io::Result<Self> {
+        use tokio::signal::unix::{SignalKind, signal};
+        Ok(Self { interrupt: signal(SignalKind::interrupt())?, terminate: signal(SignalKind::terminate())? })
+    }
+
+    async fn next(&mut self) {
+        tokio::select! {
+            _ = self.interrupt.recv() => {}
+            _ = self.terminate.recv() => {}
         }
-    };
-    tokio::select! {
-        _ = tokio::signal::ctrl_c() => {}
-        () = terminate => {}
     }
 }
 
+/// The signals by which a person asks the process to stop.
 #[cfg(not(unix))]
-async fn signal() {
-    if tokio::signal::ctrl_c().await.is_err() {
-        std::future::pending::<()>().await;
+struct Signals;
+
+#[cfg(not(unix))]
+impl Signals {
+    fn new() -> std::io::Result<Self> {
+        Ok(Self)
+    }
+
+    async fn next(&mut self) {
+        if tokio::signal::ctrl_c().await.is_err() {
+            std::future::pending::<()>().await;
+        }
     }
 }

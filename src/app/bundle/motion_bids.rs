@@ -6,7 +6,7 @@
 //! meaning stands in `description`.
 
 use crate::analysis::ids::{PlantId, StudyId, SubjectId};
-use crate::store::{Page, Plant, SignalUnits, Store, Subject, TrialFilter, TrialRecord};
+use crate::store::{Page, Plant, SignalUnits, Store, Subject, TrialFilter};
 use crate::trial::{Channel, Trial};
 use anyhow::{Context as _, bail};
 use serde_json::{Value, json};
@@ -128,20 +128,19 @@ fn list_of_channels(trial: &Trial, units: &SignalUnits) -> String {
     text
 }
 
-fn description(record: &TrialRecord, plant: &Plant, trial: &Trial, task: &str) -> anyhow::Result<Value> {
+fn description(plant: &Plant, trial: &Trial, task: &str) -> anyhow::Result<Value> {
     let latency = usize::from(trial.signals.time_s.is_some());
     Ok(json!({
         "TaskName": task,
+        // The form of these documents is closed: what was controlled has no member of its own.
+        "TaskDescription": format!("control of the plant {}, {}", plant.name, serde_json::to_string(&plant.model)?),
         "SamplingFrequency": 1.0 / trial.sample_time_s,
-        "SampleTime": trial.sample_time_s,
         "TrackingSystemName": SYSTEM,
         "MotionChannelCount": channels(trial).len(),
         "LATENCYChannelCount": latency,
         "MISCChannelCount": channels(trial).len() - latency,
         "RecordingDuration": trial.sample_time_s * trial.samples() as f64,
         "RecordingType": "continuous",
-        "Plant": {"name": plant.name, "model": serde_json::to_value(&plant.model)?},
-        "ContentSHA256": record.sha256,
     }))
 }
 
@@ -171,7 +170,7 @@ pub(super) async fn write(store: &Store, study: StudyId, folder: &Path, task: &s
     )?;
     let about = format!(
         "# {}\n\n{}\n\nRecordings of a control task: command r, control u, output y and, where there was one, \
-         disturbance d.\nThe model of what was controlled stands in each `_motion.json` under Plant.\n",
+         disturbance d.\nThe model of what was controlled stands in each `_motion.json` under TaskDescription.\n",
         record.name, record.description
     );
     write_to(&folder.join("README.md"), about.as_bytes())?;
@@ -206,7 +205,7 @@ pub(super) async fn write(store: &Store, study: StudyId, folder: &Path, task: &s
         write_to(&path, table(&trial).as_bytes())?;
         let units = own.units.or(&plant.units);
         write_to(&place.join(format!("{stem}_channels.tsv")), list_of_channels(&trial, &units).as_bytes())?;
-        let said = description(own, plant, &trial, task)?;
+        let said = description(plant, &trial, task)?;
         write_to(&place.join(format!("{stem}_motion.json")), &document(&said)?)?;
     }
     let (people, trials) = (with_trials.len(), trials.len());

@@ -155,7 +155,8 @@ async fn recompute(store: &Store, taken: &Taken, wanted: Option<&str>) -> anyhow
         None => reported.next(),
     };
     let Some(id) = found else {
-        bail!("the study is taken in, but {} has no report to compute again", wanted.unwrap_or("none of its analyses"));
+        let which = wanted.map_or_else(|| "no analysis of it".to_owned(), |id| format!("no analysis {id} of it"));
+        bail!("the study is taken in, but {which} has a report to compute again");
     };
     let id: AnalysisId = id.parse()?;
     let record = store.analysis(id).await?;

@@ -24,8 +24,6 @@ fn served(database: &Path, arguments: &[&str]) -> (String, Option<i32>) {
     let mut child = volition(&all).stdout(Stdio::piped()).spawn().unwrap();
     let mut line = String::new();
     BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-    // Signals are listened to by a task of its own, which may come to it only after the address is said.
-    std::thread::sleep(Duration::from_millis(300));
     (line.trim().to_owned(), Process(child).interrupt())
 }
 
