@@ -98,6 +98,9 @@ pub(super) fn grid(
     }
 }
 
+/// Everything that is asked in the query.
+type Asked = (GroupQuery, (CurveQuery, (ResponseQuery, FormQuery)));
+
 /// Mean and standard deviation over each group's subjects of the identified feedforward, feedback, feedforward times
 /// plant and closed loop, frequency by frequency, with trimmed versions, beside those of the plant and its inverse.
 #[utoipa::path(get, path = "/v1/studies/{study}/frequency-responses", tag = "learning",
@@ -113,7 +116,7 @@ pub(super) fn grid(
 pub(crate) async fn of_study(
     State(state): State<AppState>,
     Id(id): Id<StudyId>,
-    Params(params): Params<(GroupQuery, (CurveQuery, (ResponseQuery, FormQuery)))>,
+    Params(params): Params<Asked>,
     headers: HeaderMap,
 ) -> ApiResult<Response> {
     let (GroupQuery { group }, (query, (response, form))) = params;
