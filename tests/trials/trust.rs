@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 use volition::app::demo::simulate::truth;
 use volition::app::demo::{BAND_HZ, DemoArgs, TRIALS, run};
-use volition::config::CacheArgs;
+use volition::config::{CacheArgs, ListenArgs};
 use volition::simulate::SimulatedStudy;
 use volition::store::{Page, Store, StoredTrust, TrialFilter, TrustFilter};
 use volition::trust::Level;
@@ -38,7 +38,7 @@ async fn demonstration(seed: u64) -> Vec<Judged> {
         subjects,
         html: None,
         serve: false,
-        listen: "127.0.0.1:0".parse().unwrap(),
+        listen: ListenArgs { listen: "127.0.0.1:0".parse().unwrap(), port: None },
         compute_threads: None,
         cache: CacheArgs::default(),
     };

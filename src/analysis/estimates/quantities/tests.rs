@@ -18,7 +18,7 @@ fn of<'a>(all: &'a [QuantityTrust], name: &str) -> &'a QuantityTrust {
 /// What is read by pointers stands where the kinds write it: the examples of the kinds have every quantity.
 #[test]
 fn the_quantities_of_every_kind_are_found_in_real_reports() {
-    let (report, all) = judged(prediction_error::Plan::EXAMPLE);
+    let (report, all) = judged(crate::analysis::prediction_error::Plan::EXAMPLE);
     let norm = of(&all, "norm_feedforward_plant_minus_one");
     let written = &report.result["trials"][0]["metrics"]["norm_feedforward_plant_minus_one"];
     assert_eq!(norm.value, written["value"].as_f64());
@@ -26,7 +26,7 @@ fn the_quantities_of_every_kind_are_found_in_real_reports() {
     assert_eq!(norm.estimator, Some(Estimator::PredictionError));
     assert!(of(&all, "variance_accounted_for").value.is_some());
 
-    let (report, all) = judged(ssid::Plan::EXAMPLE);
+    let (report, all) = judged(crate::analysis::ssid::Plan::EXAMPLE);
     let norm = all.iter().find(|own| own.estimator == Some(Estimator::Ssid)).unwrap();
     assert_eq!(norm.value, report.result["metrics"]["norm_feedforward_plant_minus_one"].as_f64());
     assert!(norm.trust.codes().any(|code| code == "no_interval"), "{norm:?}");
