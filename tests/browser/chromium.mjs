@@ -106,8 +106,11 @@ class Page {
   /** Waits until something holds: a function here, or an expression of the page. */
   async until(holds, what = String(holds), patience = 120000) {
     const began = Date.now();
-    while (!(typeof holds === 'string' ? await this.value(holds) : holds())) {
-      if (Date.now() - began > patience) throw new Error(`it does not come to pass: ${what}`);
+    let last = '';
+    // While a page is loaded there may be nothing yet to look at.
+    const seen = () => this.value(holds).catch((error) => { last = `; last: ${error.message}`; return false; });
+    while (!(typeof holds === 'string' ? await seen() : holds())) {
+      if (Date.now() - began > patience) throw new Error(`it does not come to pass: ${what}${last}`);
       await pause(40);
     }
   }

@@ -189,7 +189,7 @@ for (const width of [1280, 400]) {
   const before = await stored();
   const button = "[...document.querySelectorAll('button[value=store]')][0]";
   assert.match(await page.value(`${button}.textContent`), /Store 1 of 3 trials/);
-  assert.equal(await page.value("document.querySelectorAll('.refusal').length"), 3, 'the photograph, of nobody, and unknown columns');
+  assert.equal(await page.value("document.querySelectorAll('.refusal').length"), 4, 'the photograph, of nobody, on no plant, and unknown columns');
   // Said by keyboard which column is which.
   await page.value("[...document.querySelectorAll('details')].forEach((one) => { one.open = true })");
   for (const [name, text] of Object.entries({ t: 'Clock', r: 'Target', u: 'Stick', y: 'Cursor' })) {
