@@ -62,8 +62,8 @@ impl Form {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(crate) struct FormQuery {
-    /// The form of the answer: `csv`, `ndjson` or `json` where it is a table, `csv`, `json`, `mat`, `npz` or `wav` where
-    /// it is samples, `json` or `mat` where it is models. Without it, what `Accept` likes best.
+    /// The form of the answer: `csv`, `ndjson` or `json` where it is a table, `csv`, `json`, `mat`, `npz` or `wav`
+    /// where it is samples, `json` or `mat` where it is models. Without it, what `Accept` likes best.
     #[param(value_type = Option<String>, nullable = false, pattern = "^(json|csv|ndjson|mat|npz|wav)$")]
     format: Option<Form>,
 }

@@ -40,7 +40,8 @@ impl FromQuery for GroupQuery {
 #[utoipa::path(get, path = "/v1/subjects/{subject}/learning-curves", tag = "learning",
     operation_id = "read_subject_learning_curves", params(SubjectPath, CurveQuery, FormQuery, AcceptForm, IfNoneMatch),
     responses((status = 200, description = "The curves; as a table with a row for each plant, trial and metric.",
-            content((SubjectLearningCurve = "application/json"), (String = "text/csv"), (String = "application/x-ndjson"))),
+            content((SubjectLearningCurve = "application/json"), (String = "text/csv"),
+                (String = "application/x-ndjson"))),
         (status = 422, description = "Only prediction_error has joint estimates.")))]
 pub(crate) async fn of_subject(
     State(state): State<AppState>,
@@ -65,7 +66,8 @@ pub(crate) async fn of_subject(
         IfNoneMatch),
     responses((status = 200, description = "The curves; as a table with a row for each group, plant, trial number and \
             metric.",
-            content((StudyLearningCurves = "application/json"), (String = "text/csv"), (String = "application/x-ndjson"))),
+            content((StudyLearningCurves = "application/json"), (String = "text/csv"),
+                (String = "application/x-ndjson"))),
         (status = 422, description = "Only prediction_error has joint estimates.")))]
 pub(crate) async fn of_study(
     State(state): State<AppState>,

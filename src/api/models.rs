@@ -14,8 +14,8 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 
 /// The models and matrices of a report, for python-control, MATLAB and others: coefficients in descending powers, the
-/// time base said beside them, delays apart, and the response at a few frequencies to compare with. Estimated parameters
-/// come with their standard errors, intervals and, where the report has it, their covariance.
+/// time base said beside them, delays apart, and the response at a few frequencies to compare with. Estimated
+/// parameters come with their standard errors, intervals and, where the report has it, their covariance.
 ///
 /// As MATLAB file: a struct for each model, a variable for each matrix.
 #[utoipa::path(get, path = "/v1/analyses/{analysis}/model", tag = "analyses", operation_id = "read_model",

@@ -15,8 +15,9 @@ use tokio_io_timeout::TimeoutStream;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-/// What headers of one request may take, in bytes, and how many there may be.
-const HEADER_BYTES: usize = 64 << 10;
+/// What headers of one request may take, in bytes, and how many there may be. As much again may come with the last
+/// packet before it is counted.
+const HEADER_BYTES: usize = 32 << 10;
 const HEADERS: usize = 100;
 
 /// Pause after a connection could not be accepted: no file handle is free, mostly.

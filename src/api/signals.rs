@@ -54,8 +54,8 @@ const FORMS: &[Form] = &[Form::Csv, Form::Json, Form::Mat, Form::Npz, Form::Wav]
 
 /// Downloads the recording, bit for bit as uploaded: every number reads back as the same double.
 ///
-/// CSV, JSON, MATLAB and NumPy have every recorded column. Sound has one, the command unless another is named, in single
-/// precision, divided by what a sample of 1 stands for, which is said in the file and in Volition-Full-Scale.
+/// CSV, JSON, MATLAB and NumPy have every recorded column. Sound has one, the command unless another is named, in
+/// single precision, divided by what a sample of 1 stands for, which is said in the file and in Volition-Full-Scale.
 #[utoipa::path(get, path = "/v1/trials/{trial}/signals", tag = "trials", operation_id = "read_signals",
     params(TrialPath, FormQuery, WaveQuery, AcceptForm, IfNoneMatch),
     responses(

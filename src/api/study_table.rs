@@ -157,8 +157,8 @@ async fn lab(state: &AppState, id: StudyId, query: &TableQuery) -> ApiResult<Lab
 /// A study as one tidy table: a row for each trial and succeeded analysis, and for each trial that has none.
 ///
 /// Who, which trial, on what; attributes of the subject (`attribute_…`) and of the trial (`trial_…`); measures in time;
-/// what the analysis found, each value with the ends of its 95 % interval (`…_low`, `…_high`) and how far it may be used
-/// (`trust_…`: `ok`, `read`, `do_not_use`, `not_identified`); the controllers' coefficients by their power
+/// what the analysis found, each value with the ends of its 95 % interval (`…_low`, `…_high`) and how far it may be
+/// used (`trust_…`: `ok`, `read`, `do_not_use`, `not_identified`); the controllers' coefficients by their power
 /// (`feedback_num_0`); codes of warnings, separated by spaces; hashes and versions. What a refinement found begins with
 /// `refined_`. Divergent trials are there, and say so. Columns depend on what there is; the first eleven are always the
 /// same. As NDJSON every line has every column.

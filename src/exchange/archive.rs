@@ -91,11 +91,15 @@ pub fn is_folder(bytes: &[u8]) -> bool {
 /// The files of an archived folder, by their paths in it, without what systems put there for themselves.
 ///
 /// # Errors
-/// Where the archive is damaged, has no files, or unpacks to more than `max_bytes`.
+/// Where the archive is damaged, has no files, or one that leads out of it, or unpacks to more than `max_bytes`.
 pub fn folder(bytes: &[u8], max_bytes: u64) -> Result<Vec<(String, Vec<u8>)>, Problem> {
     let mut archive = Archive::open(bytes, max_bytes)?;
     let mut files = Vec::new();
     for (at, name) in archive.names().into_iter().enumerate() {
+        if name.starts_with(['/', '\\']) || name.split(['/', '\\']).any(|part| part == "..") {
+            let why = format!("the path {name:?} leads outside the archive");
+            return Err(Problem::new(Code::Malformed, "a path that leads outside", why).mend("Pack the folder anew."));
+        }
         let is_own = name.split('/').any(|part| part.starts_with('.') || part == "__MACOSX" || part == "Thumbs.db");
         if !name.ends_with('/') && !is_own {
             files.push((name, archive.file(at)?));

@@ -1,11 +1,11 @@
 //! What workers write. Every write matches id, `running` and lease token: a worker that comes late changes nothing.
 
 use super::analyses::{attempts, job};
+use super::claims::{Claim, Heartbeat, Lease, LeaseState, Rescued};
 use super::clock::span_us;
 use super::error::{StoreError, StoreResult};
 use super::open::Store;
 use super::queue::{CLAIM, RUNNING, end_of_line};
-use super::records::{Claim, Heartbeat, Lease, LeaseState, Rescued};
 use super::rows::{get, json_opt, json_verified, parsed, sha256, signed, to_json};
 use super::watch::Running;
 use crate::analysis::ids::AnalysisId;

@@ -28,6 +28,7 @@ mod analyses;
 mod backup;
 mod blocking;
 mod bulk;
+mod claims;
 mod clock;
 mod copy;
 mod damage;
@@ -70,6 +71,7 @@ mod writing;
 
 pub use backup::Manifest;
 pub use bulk::{Bulk, Existing, Only};
+pub use claims::{Claim, Heartbeat, Lease, LeaseState, Rescued};
 pub use clock::Clock;
 pub use drafts::{Draft, DraftFile, DraftTrial, Drafted};
 pub use error::{StoreError, StoreResult, Trouble};

@@ -10,7 +10,8 @@ macro_rules! used_trials {
             'trial', iif(count(*) = 1, json_object('id', min(t.id), 'number', min(t.number),
                 'session', min(t.session)), NULL),
             'subject', iif(min(p.id) = max(p.id), json_object('id', min(p.id), 'code', min(p.code)), NULL))
-          FROM analysis_trials u CROSS JOIN trials t ON t.id = u.trial_id CROSS JOIN subjects p ON p.id = t.subject_id
+          FROM analysis_trials u CROSS JOIN trials t INDEXED BY sqlite_autoindex_trials_1 ON t.id = u.trial_id
+            CROSS JOIN subjects p INDEXED BY sqlite_autoindex_subjects_1 ON p.id = t.subject_id
           WHERE u.analysis_id = n.id)"
     };
 }

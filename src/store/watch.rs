@@ -5,7 +5,7 @@
 //! moments or of two machines, so a clock that is set neither kills a worker that lives nor lets one that died go
 //! unnoticed. After a start nothing is known, and the first rescue comes one lease later.
 
-use super::records::Lease;
+use super::claims::Lease;
 use crate::analysis::ids::AnalysisId;
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};

@@ -111,7 +111,7 @@ fn validate(folder: &Path) {
     let answer: serde_json::Value = serde_json::from_str(&text).unwrap_or_else(|_| panic!("{output:?}"));
     assert_eq!(answer["issues"]["errors"], serde_json::json!([]), "{answer:#}");
     assert_eq!(answer["summary"]["subjects"], serde_json::json!(["s01"]), "{answer:#}");
-    assert!(answer["summary"]["modalities"].to_string().to_lowercase().contains("motion"), "{answer:#}");
+    assert!(answer["summary"]["dataTypes"].to_string().contains("motion"), "{answer:#}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -71,10 +71,15 @@ fn number(value: f64) -> String {
     }
 }
 
+/// Members that are shown before others: what was asked for.
+const FIRST: [&str; 3] = ["conclusion", "verdict", "evidence"];
+
 /// The members of a result that are short enough to be read; where its quantities follow, without lists.
 fn members(out: &mut String, result: &Value, with_lists: bool) -> std::fmt::Result {
     let all = result.as_object().into_iter().flatten().filter(|(_, value)| with_lists || !value.is_array());
-    for (name, value) in all.filter_map(|(name, value)| Some((name, short(value)?))).take(MOST_MEMBERS) {
+    let mut all: Vec<(&String, String)> = all.filter_map(|(name, value)| Some((name, short(value)?))).collect();
+    all.sort_by_key(|(name, _)| FIRST.iter().position(|first| first == name).unwrap_or(FIRST.len()));
+    for (name, value) in all.into_iter().take(MOST_MEMBERS) {
         writeln!(out, "  {name}: {value}")?;
     }
     Ok(())

@@ -119,6 +119,8 @@ impl Guess {
             let digits = &word[letters.len()..];
             // A label and its number may be one word or two.
             let label = if letters.is_empty() { before } else { letters };
+            // Numbers behind numbers are a date.
+            let is_alone = letters.is_empty() && !before.chars().all(|c| c.is_ascii_digit());
             before = word;
             let is_person = known.is_some_and(|code| code.to_lowercase().contains(*word));
             let Some(number) = digits.parse::<i64>().ok().filter(|n| *n > 0 && digits.len() <= MOST_DIGITS) else {
@@ -135,7 +137,7 @@ impl Guess {
                 _ if guess.subject.is_none() && at == 0 && !letters.is_empty() => {
                     guess.subject = Some(digits_of(name, word));
                 }
-                "" if at > 0 && at + 1 == words.len() => guess.number = guess.number.or(Some(number)),
+                _ if is_alone && at > 0 && at + 1 == words.len() => guess.number = guess.number.or(Some(number)),
                 _ => {}
             }
         }
@@ -164,7 +166,7 @@ mod tests {
         assert_eq!(of("mp01/trial 5.mat"), (Some("MP01".to_owned()), Some(5), None));
         assert_eq!(of("mp010-7.csv.gz"), (Some("MP010".to_owned()), Some(7), None));
         assert_eq!(of("sub-07_ses-2_run-04_motion.tsv"), (Some("07".to_owned()), Some(4), Some(2)));
-        assert_eq!(of("recording 2024-11-30.csv"), (None, Some(30), None));
+        assert_eq!(of("recording 2024-11-30.csv"), (None, None, None));
         assert_eq!(of("x.csv"), (None, None, None));
     }
 

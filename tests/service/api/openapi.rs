@@ -123,6 +123,9 @@ async fn every_operation_succeeds_over_http() {
         call("GET", "/v1/studies/{study}/median-subjects", None, 200),
         call("GET", "/v1/figures/queue", None, 200),
         call("GET", "/v1/trust-rule", None, 200),
+        // A frequency response has no models, and says so.
+        call("GET", "/v1/analyses/{analysis}/model", None, 404),
+        call("GET", "/v1/studies/{study}/table", None, 200),
         call("GET", "/v1/analyses/{analysis}/trust", None, 200),
         call("GET", "/v1/trials/{trial}/trust", None, 200),
         call("GET", "/v1/studies/{study}/trust", None, 200),
