@@ -97,7 +97,13 @@ pub struct WorkerArgs {
 #[derive(Debug, Clone, Args)]
 pub struct ListenArgs {
     /// Address and port to listen on, such as 127.0.0.1:9000 or localhost:9000; loopback only.
-    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:8080", value_parser = address, env = "VOLITION_LISTEN")]
+    #[arg(
+        long,
+        value_name = "ADDRESS",
+        default_value = "127.0.0.1:8080",
+        value_parser = address,
+        env = "VOLITION_LISTEN"
+    )]
     pub listen: SocketAddr,
     /// Port to listen on, in place of the one in --listen; 0 for any that is free.
     #[arg(long, value_name = "PORT", env = "VOLITION_PORT")]

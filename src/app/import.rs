@@ -28,8 +28,8 @@ const REFUSED: u8 = 2;
 pub struct ImportArgs {
     /// Folder with recordings (tables as text or JSON, packed with gzip or not) and an index: index.csv with the
     /// columns file, subject, trial and optionally group, session, plant, display_limit, or index.json or truth.json,
-    /// an array of objects with these members, and plant_num and plant_den for the plant; or a zip of one. Or a file that `volition
-    /// export` wrote: a study, which is taken in under its own ids.
+    /// an array of objects with these members, and plant_num and plant_den for the plant; or a zip of one. Or a file
+    /// that `volition export` wrote: a study, which is taken in under its own ids.
     pub folder: PathBuf,
     /// Name of the study that a folder is imported into; made if there is none.
     #[arg(long, value_name = "NAME")]

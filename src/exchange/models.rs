@@ -1,8 +1,8 @@
 //! The models and matrices of a report, as python-control and MATLAB take them.
 //!
-//! Every system that a report holds is found by its form and named by its place (`refined_feedforward`); nothing about a
-//! kind of analysis is known here. The time base stands beside the coefficients in three ways, since each program asks
-//! for another, and so does the response at a few frequencies: a loader can see that it has read the same system.
+//! Every system that a report holds is found by its form and named by its place (`refined_feedforward`); nothing about
+//! a kind of analysis is known here. The time base stands beside the coefficients in three ways, since each program
+//! asks for another, and so does the response at a few frequencies: a loader can see that it has read the same system.
 
 use super::write::mat::{self, MatValue};
 use crate::analysis::{Code, Problem, Report};
@@ -86,16 +86,16 @@ pub struct ExportedModel {
 pub struct ExportedMatrix {
     /// Its rows, in the units that the kind of analysis documents.
     pub value: Vec<Vec<f64>>,
-    /// The covariance of its entries, in the order that the kind of analysis documents, in products of their units; null
-    /// where there is none.
+    /// The covariance of its entries, in the order that the kind of analysis documents, in products of their units;
+    /// null where there is none.
     pub covariance: Option<Vec<Vec<f64>>>,
 }
 
 /// An estimated coefficient, gain, delay or other number.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct ExportedParameter {
-    /// Its name in the report; of a controller's coefficient such as `feedback_denominator[1]`, counted from the highest
-    /// power.
+    /// Its name in the report; of a controller's coefficient such as `feedback_denominator[1]`, counted from the
+    /// highest power.
     pub name: String,
     /// The estimate in its own unit.
     pub value: Option<f64>,
@@ -284,8 +284,8 @@ fn optional(value: Option<f64>) -> MatValue {
     MatValue::number(value.unwrap_or(f64::NAN))
 }
 
-/// As a file of MATLAB: a struct for each system (`num`, `den`, `Ts`, `delay_s`, `time_base`, and the response to compare
-/// with), a variable for each matrix and its covariance, and `volition`, which says where it is from.
+/// As a file of MATLAB: a struct for each system (`num`, `den`, `Ts`, `delay_s`, `time_base`, and the response to
+/// compare with), a variable for each matrix and its covariance, and `volition`, which says where it is from.
 #[must_use]
 pub fn mat(export: &ModelExport) -> Vec<u8> {
     let text = |text: &str| MatValue::Text(text.to_owned());

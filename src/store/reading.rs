@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct StudyReading {
-    /// Which column or variable is which signal: pairs such as `r:Target,y:Cursor`; null where files name their signals.
+    /// Which column or variable is which signal: pairs such as `r:Target,y:Cursor`; null where files name their
+    /// signals.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub columns: Option<String>,
     /// What time columns count: `s`, `ms`, `us`, `ns` or `samples`; null where files say, or count seconds.

@@ -73,8 +73,8 @@ impl Change for Study {
     ) -> StoreResult<Self> {
         let row = sqlx::query(
             "UPDATE studies SET name = COALESCE($2, name), description = COALESCE($3, description),
-                display_limit = CASE WHEN $4 THEN $5 ELSE display_limit END, reading = COALESCE($7, reading), version = version + 1,
-                updated_at = $6
+                display_limit = CASE WHEN $4 THEN $5 ELSE display_limit END, reading = COALESCE($7, reading),
+                version = version + 1, updated_at = $6
              WHERE id = $1 RETURNING *",
         )
         .bind(before.id.to_string())

@@ -1,8 +1,8 @@
 //! A study as it is, row by row, out of one database and into another with the same ids.
 //!
 //! Rows are taken with every column that the table has, so that a column that is added later goes along; left out is
-//! only what belongs to this database alone: leases, places in the queue, and what is computed from a report. Columns of
-//! a file are held against the table's own before they stand in a statement.
+//! only what belongs to this database alone: leases, places in the queue, and what is computed from a report. Columns
+//! of a file are held against the table's own before they stand in a statement.
 
 use super::blocking::off_runtime;
 use super::error::{StoreError, StoreResult};

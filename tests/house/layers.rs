@@ -67,8 +67,8 @@ const ARROWS: &[(&str, &[&str])] = &[
         ],
     ),
     // What a browser shows of the same: beside the interface, and never asked by it. Its own files, its own words.
-    // Files that are looked at before they are stored are read as the interface reads them; a short excitation is judged
-    // while somebody waits.
+    // Files that are looked at before they are stored are read as the interface reads them; a short excitation is
+    // judged while somebody waits.
     ("pages", &["analysis", "api", "ctl", "exchange", "figure", "jobs", "learning", "num", "store", "trust"]),
     ("app", &["*"]),
     ("cli", &["*"]),

@@ -1,4 +1,5 @@
-//! A study taken along: out of one database into another, byte for byte; one flipped bit; the recordings as Motion-BIDS.
+//! A study taken along: out of one database into another, byte for byte; one flipped bit; the recordings as
+//! Motion-BIDS.
 
 use crate::api::harness::TestServer;
 use crate::api::trust::identified;

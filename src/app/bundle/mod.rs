@@ -165,8 +165,8 @@ fn readme(name: &str) -> String {
          intervals beside them (`_low`, `_high`), and `trust_…` says how far each may be used.\n\
          - `signals/ID.csv`: the recording of a trial: time t (s) where it was recorded, command r, control u, output \
          y, disturbance d. Every number reads back as the same double. The sample time is in `trials.ndjson`.\n\
-         - `studies.ndjson`, `plants.ndjson`, `subjects.ndjson`, `trials.ndjson`: who, what, how; a JSON object a line. \
-         Times are microseconds since 1970 UTC. Subjects have pseudonyms.\n\
+         - `studies.ndjson`, `plants.ndjson`, `subjects.ndjson`, `trials.ndjson`: who, what, how; a JSON object a \
+         line. Times are microseconds since 1970 UTC. Subjects have pseudonyms.\n\
          - `analyses.ndjson`: what was asked (`request`), with the hashes of request and spec, and what became of it.\n\
          - `reports/ID.json`: the report of each analysis, byte for byte, with warnings and provenance.\n\
          - `manifest.json`: length and SHA-256 of every file. The archive's comment is the SHA-256 of all bytes before \

@@ -84,8 +84,8 @@ pub fn of_subject(curve: &SubjectLearningCurve) -> Table {
     rows.into_iter().collect::<Table>().beginning_with(OF_SUBJECT)
 }
 
-/// The learning curves of a study's groups: a row for each group, plant, trial number and metric, with mean and standard
-/// deviation over subjects.
+/// The learning curves of a study's groups: a row for each group, plant, trial number and metric, with mean and
+/// standard deviation over subjects.
 #[must_use]
 pub fn of_study(curves: &StudyLearningCurves) -> Table {
     let mut rows = Vec::new();
