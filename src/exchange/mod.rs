@@ -10,7 +10,7 @@
 //! signal, [`time`] brings times to seconds and, when asked, to a uniform grid.
 //!
 //! The way out is simpler: [`tables`] has what a study says as tidy tables, [`models`] what a report found as other
-//! programs compute with it, [`write`] the formats of files,
+//! programs compute with it, [`mod@write`] the formats of files,
 //! [`bundle`] a whole study in one archive.
 
 pub mod archive;
