@@ -5,6 +5,7 @@ use indicatif::ProgressBar;
 use std::path::Path;
 use volition::app::import::index;
 use volition::app::import::load::{Outcome, PlantOptions, common_display_limit, find_or_create_study, load};
+use volition::exchange::Options;
 use volition::exchange::tables::study::TRIAL_COLUMNS;
 use volition::store::{Page, Store, Study};
 
@@ -13,7 +14,8 @@ const ALL: Page = Page { after: None, limit: 500 };
 async fn imported(store: &Store, folder: &Path) -> (Study, Outcome) {
     let index = index::read(folder, None, &[]).unwrap();
     let study = find_or_create_study(store, "cphs", common_display_limit(&index).unwrap()).await.unwrap();
-    let outcome = load(store, &study, folder, &index, &PlantOptions::default(), &ProgressBar::hidden()).await.unwrap();
+    let (plants, reading) = (PlantOptions::default(), Options::default());
+    let outcome = load(store, &study, folder, &index, &plants, &reading, &ProgressBar::hidden()).await.unwrap();
     (study, outcome)
 }
 
