@@ -2,8 +2,8 @@
 //!
 //! Trust belongs to a quantity of a trial, not to the trial: a recording may tell the feedforward and not the feedback.
 //! The whole rule is here. [`mod@rule`] has its constants and its rows as a table that is shown and documented;
-//! [`mod@judge`] is the pure function from what is known of a quantity ([`Evidence`], [`Estimate`]) to a [`Trust`]. What
-//! a report says is read elsewhere, so that the rule knows no form of a report.
+//! [`mod@judge`] is the pure function from what is known of a quantity ([`Evidence`], [`Estimate`]) to a [`Trust`].
+//! What a report says is read elsewhere, so that the rule knows no form of a report.
 
 mod judge;
 mod level;
