@@ -8,6 +8,7 @@
 //! [registry](super::registry), which alone makes from it the names, the dispatch, the canonical request, the hashes of
 //! inputs, the report and the schemas.
 
+use super::inputs::earlier::{Earlier, FromEarlier};
 use super::inputs::library::{Library, References};
 use super::kind::Kind;
 use super::problem::Problem;
@@ -31,6 +32,11 @@ pub trait Analysis: Sized + Send + Sync + 'static {
     const RESULT_VERSION: u32;
     /// A request of the kind as JSON: short, without stored things, and one that succeeds within seconds.
     const EXAMPLE: &'static str;
+
+    /// Whether its inputs take `trials`, and so all trials of a subject.
+    const TAKES_TRIALS: bool = false;
+    /// Makes the inputs that an earlier report stands for, or says why it has none; most kinds take no report.
+    const OF_EARLIER: Option<OfEarlier> = None;
 
     /// What it is computed from, as people write it.
     type Inputs: Inputs;
@@ -69,6 +75,9 @@ pub trait Analysis: Sized + Send + Sync + 'static {
     /// answer the question.
     fn run(&self, library: &Library, ctl: &Ctl) -> Result<Outcome<Self::Result>, Failure>;
 }
+
+/// What makes inputs of an earlier report.
+pub type OfEarlier = fn(&Earlier<'_>) -> Result<FromEarlier, Problem>;
 
 /// Signals of a result, equally long.
 #[derive(Debug, Clone, PartialEq)]

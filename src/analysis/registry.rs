@@ -1,6 +1,7 @@
 //! The list of kinds, and everything that is the same for all of them.
 
-use super::contract::{Analysis, Failure, Inputs as _, Part as _, Samples};
+use super::contract::{Analysis, Failure, Inputs as _, OfEarlier, Part as _, Samples};
+use super::inputs::earlier::{Earlier, EarlierAnalysis, FromEarlier, TrialsOfSubject};
 use super::inputs::library::{Library, References};
 use super::kind::{Kind, Request};
 use super::problem::{Code, Problem};
@@ -57,6 +58,9 @@ pub struct About {
     pub spec: fn(&mut SchemaGenerator) -> Schema,
     /// The schema of its result.
     pub result: fn(&mut SchemaGenerator) -> Schema,
+    /// Whether its inputs take `trials`.
+    pub takes_trials: bool,
+    of_earlier: Option<OfEarlier>,
     samples: fn(&Value) -> Option<Samples>,
     check: fn(&Request) -> Result<Box<dyn Checked>, Problem>,
 }
@@ -72,6 +76,8 @@ impl About {
             inputs: |generator| generator.subschema_for::<A::Inputs>(),
             spec: |generator| generator.subschema_for::<A::Spec>(),
             result: |generator| generator.subschema_for::<A::Result>(),
+            takes_trials: A::TAKES_TRIALS,
+            of_earlier: A::OF_EARLIER,
             samples: A::samples,
             check: |request| {
                 let inputs = A::Inputs::read(&request.inputs, "/inputs")?;
@@ -120,6 +126,29 @@ fn find(name: &str) -> Result<&'static About, Problem> {
             .at("/kind")
             .mend(format!("Use one of: {}.", names()))
     })
+}
+
+/// A kind by its name.
+///
+/// # Errors
+/// A [`Problem`] where there is none.
+pub fn about(name: &str) -> Result<&'static About, Problem> {
+    find(name)
+}
+
+/// The inputs of a kind that an earlier report stands for.
+///
+/// # Errors
+/// A [`Problem`] where the kind takes no report, or not this one.
+pub fn of_earlier(kind: &str, earlier: &Earlier<'_>) -> Result<FromEarlier, Problem> {
+    if let Some(of_earlier) = find(kind)?.of_earlier {
+        return of_earlier(earlier);
+    }
+    let takers: Vec<&str> = kinds().filter(|k| k.of_earlier.is_some()).map(|k| k.kind.name()).collect();
+    let detail = format!("{kind} takes no earlier analysis as its input");
+    Err(Problem::new(Code::Invalid, "unusable inputs", detail)
+        .at("/inputs/analysis")
+        .mend(format!("Kinds that take one: {}.", takers.join(", "))))
 }
 
 /// The signals that a report carries for a device to play.
@@ -175,6 +204,18 @@ fn one_of_kinds(
     json_schema!({"oneOf": choices, "discriminator": {"propertyName": "kind", "mapping": mapping}})
 }
 
+/// The inputs of a kind, or what a server makes them of.
+fn inputs_schema(generator: &mut SchemaGenerator, about: &About) -> Schema {
+    let mut choices = vec![(about.inputs)(generator)];
+    if about.takes_trials {
+        choices.push(generator.subschema_for::<TrialsOfSubject>());
+    }
+    if about.of_earlier.is_some() {
+        choices.push(generator.subschema_for::<EarlierAnalysis>());
+    }
+    if choices.len() == 1 { choices.remove(0) } else { json_schema!({"anyOf": choices}) }
+}
+
 impl JsonSchema for Request {
     fn schema_name() -> Cow<'static, str> {
         "Request".into()
@@ -182,7 +223,7 @@ impl JsonSchema for Request {
 
     fn json_schema(generator: &mut SchemaGenerator) -> Schema {
         one_of_kinds(generator, "Request", |generator, about| {
-            let (inputs, spec) = ((about.inputs)(generator), (about.spec)(generator));
+            let (inputs, spec) = (inputs_schema(generator, about), (about.spec)(generator));
             let mut required = vec!["kind", "inputs"];
             if about.needs_spec(generator) {
                 required.push("spec");

@@ -8,6 +8,7 @@ use super::idempotency::{Idempotency, IdempotencyHeader, mark};
 use super::named::{Named, View};
 use super::prefer::{Prefer, PreferHeader};
 use super::problem::{ApiResult, unless_missing};
+use super::shorthand::written_out;
 use super::state::AppState;
 use super::timestamp::Timestamp;
 use crate::analysis::ids::{AnalysisId, StudyId, SubjectId, TrialId};
@@ -288,6 +289,7 @@ pub(crate) fn check(request: &Request) -> Result<Checked, Problem> {
             request: canonical,
             trials: references.trials,
             plants: references.plants,
+            analyses: references.analyses,
         },
     })
 }
@@ -343,13 +345,21 @@ async fn study_of(state: &AppState, new: &NewAnalysis, inputs: &Value) -> ApiRes
         let record = unless_missing(state.store.plant(*plant).await)?.ok_or_else(|| missing("plant", &id))?;
         join(record.study, id)?;
     }
+    for analysis in &new.analyses {
+        let id = analysis.to_string();
+        let record = unless_missing(state.store.analysis(*analysis).await)?.ok_or_else(|| missing("analysis", &id))?;
+        if let Some(study) = record.study {
+            join(study, id)?;
+        }
+    }
     Ok(found.map(|(study, _)| study))
 }
 
 /// Queues an analysis.
 ///
 /// `inputs` names stored trials and plants by id, or carries the data itself; `spec` says how it is computed. Both
-/// depend on the kind.
+/// depend on the kind. `{"subject": ID}` stands for all trials of a subject, `{"analysis": ID}` for the gains that an
+/// earlier analysis found: the request is stored with what they stand for.
 #[utoipa::path(post, path = "/v1/analyses", tag = "analyses", operation_id = "create_analysis",
     params(IdempotencyHeader, PreferHeader),
     request_body(content = Request, example = json!({
@@ -360,7 +370,8 @@ async fn study_of(state: &AppState, new: &NewAnalysis, inputs: &Value) -> ApiRes
     responses(
         (status = 200, description = "It was waited for (`Prefer: wait`), and is finished.", body = AnalysisView),
         (status = 202, description = "Queued; Location names the analysis, which says how it goes on.",
-            body = AnalysisView)))]
+            body = AnalysisView),
+        (status = 409, description = "The earlier analysis that it names has no report.")))]
 pub(crate) async fn create(
     State(state): State<AppState>,
     Params(()): Params<()>,
@@ -369,7 +380,7 @@ pub(crate) async fn create(
     body: Json<Request>,
 ) -> ApiResult<Response> {
     let key = idempotency.key(&body.bytes);
-    let request = body.value;
+    let request = written_out(&state, body.value).await?;
     let inputs = request.inputs.clone();
     let Checked { mut new } = off_thread(move || check(&request)).await??;
     new.study = study_of(&state, &new, &inputs).await?;

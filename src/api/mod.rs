@@ -10,6 +10,7 @@
 mod accept;
 mod analyses;
 mod answer;
+mod bulk_requests;
 mod checks;
 mod comparison;
 mod cross_origin;
@@ -41,6 +42,7 @@ mod samples;
 mod schema;
 mod sequences;
 mod server;
+mod shorthand;
 mod signals;
 mod state;
 mod studies;

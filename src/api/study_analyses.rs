@@ -1,6 +1,7 @@
 //! One analysis for each trial of a study that matches a filter, and how far they are.
 
 use super::analyses::{Checked, check};
+use super::bulk_requests::{self, Alike, BulkEach, BulkOf, OfAnalyses};
 use super::checks::MAX_NAME;
 use super::etag::IfNoneMatch;
 use super::extract::{FromQuery, Id, Integer, Json, Params, QueryText, from_value, off_thread};
@@ -10,15 +11,15 @@ use super::problem::{ApiResult, unless_missing};
 use super::state::AppState;
 use super::studies::StudyPath;
 use crate::analysis::ids::{AnalysisId, PlantId, StudyId, SubjectId, TrialId};
-use crate::analysis::{Code, Kind, Problem, Request, registry};
+use crate::analysis::{Code, Kind, Problem, registry};
 use crate::jobs::{Status, run_eta_s};
-use crate::store::{Existing, Only, RunFilter, RunProgress, TrialFilter, TrialRecord};
+use crate::store::{Existing, Made, NewAnalysis, Only, RunFilter, RunProgress, TrialFilter, TrialRecord};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use utoipa::IntoParams;
 
 /// What to compute, and of which trials.
@@ -28,9 +29,20 @@ use utoipa::IntoParams;
     "kind": "ssid", "spec": {"pool": "zhang2015_appendix_b"}, "filter": {"group": "gm"}
 }))]
 pub(crate) struct BulkRequest {
-    /// The kind; one that takes a single trial as its input.
+    /// The kind; one that takes what `each` names.
     #[schemars(with = "Kind")]
     kind: String,
+    /// What one analysis is made of: a `trial` (the default); a `subject`, all its trials together; a `session` of a
+    /// subject; or an earlier `analysis`, whose gains are asked about.
+    #[serde(default)]
+    each: BulkEach,
+    /// Inputs beside the trials, for all alike, such as the `plant` of kinds that take one. Default: none.
+    #[serde(default)]
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
+    inputs: Map<String, Value>,
+    /// Which earlier analyses, with `each: analysis`: the newest that succeeded for the same trials.
+    #[serde(default)]
+    of: Option<BulkOf>,
     /// How it is computed, for every trial alike.
     #[serde(default = "empty")]
     #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
@@ -91,7 +103,7 @@ pub(crate) struct BulkFilter {
 pub(crate) struct BulkAnswer {
     /// How many analyses were queued.
     created: usize,
-    /// They, in the order of the trials.
+    /// They, in the order of their first trials.
     analyses: Vec<BulkAnalysis>,
     /// Analyses that were asked for in the same words before, and were not queued again.
     existing: Vec<BulkExisting>,
@@ -106,8 +118,12 @@ pub(crate) struct BulkAnswer {
 pub(crate) struct BulkAnalysis {
     /// The analysis.
     id: AnalysisId,
-    /// Its trial.
+    /// Its trial, of several the first.
     trial: TrialId,
+    /// How many trials it rests on.
+    trials: u64,
+    /// Their subject; null where they are of several.
+    subject: Option<SubjectId>,
 }
 
 /// An analysis that was there already.
@@ -115,7 +131,7 @@ pub(crate) struct BulkAnalysis {
 pub(crate) struct BulkExisting {
     /// The analysis.
     id: AnalysisId,
-    /// Its trial.
+    /// Its trial, of several the first.
     trial: TrialId,
     /// Where it stands.
     status: Status,
@@ -130,8 +146,8 @@ pub(crate) struct Skipped {
     reason: String,
 }
 
-/// Queues one analysis for each trial of the study that matches the filter, where there is none yet; all of them or
-/// none.
+/// Queues one analysis for each trial of the study that matches the filter, or for each subject, session or earlier
+/// analysis, where there is none yet; all of them or none.
 #[utoipa::path(post, path = "/v1/studies/{study}/analyses", tag = "analyses", operation_id = "create_study_analyses",
     params(StudyPath, IdempotencyHeader), request_body = BulkRequest,
     responses((status = 202, description = "Queued.", body = BulkAnswer)))]
@@ -143,8 +159,9 @@ pub(crate) async fn create(
     body: Json<BulkRequest>,
 ) -> ApiResult<Response> {
     let key = idempotency.key(&body.bytes);
-    let BulkRequest { kind, spec, filter, only } = body.value;
+    let BulkRequest { kind, each, inputs, of, spec, filter, only } = body.value;
     kind.parse::<Kind>()?;
+    let of = bulk_requests::named(each, of)?;
     let filter: BulkFilter = from_value(&filter, "/filter")?;
     state.store.study(study).await?;
     let (include_divergent, include_excluded) = (filter.include_divergent, filter.include_excluded);
@@ -154,42 +171,60 @@ pub(crate) async fn create(
     let filter = checked(&state, study, filter).await?;
     let (skipped, trials): (Vec<TrialRecord>, Vec<TrialRecord>) =
         state.store.matching_trials(study, &filter).await?.into_iter().partition(left_out);
+    let alike = Alike { kind: kind.clone(), inputs, spec };
+    let sample = alike.sample(each);
+    let OfAnalyses { requests, refused } = match of {
+        Some(of) => bulk_requests::of_analyses(&state, study, &of, alike, &trials).await?,
+        None => OfAnalyses { requests: alike.of_trials(each, &trials), refused: Vec::new() },
+    };
     let limit = state.limits.max_bulk_analyses;
-    if trials.len() > limit {
+    if requests.len() > limit {
         return Err(Problem::new(
             Code::Unaffordable,
             "too many analyses at once",
-            format!("{} trials match, and {limit} analyses are queued at most", trials.len()),
+            format!("{} {each} match, and {limit} analyses are queued at most", requests.len(), each = each.plural()),
         )
         .at("/filter")
         .mend("Narrow the filter.")
         .into());
     }
-    let ids: Vec<TrialId> = trials.iter().map(|trial| trial.id).collect();
-    let (progress, new) = off_thread(move || {
-        let request = |inputs| Request { kind: kind.clone(), inputs, spec: spec.clone() };
-        // The spec is checked even where there is nothing to compute.
-        let run = check(&request(json!({"trial": TrialId(uuid::Uuid::nil())})))?.new.spec_sha256;
-        let new = ids
-            .into_iter()
-            .map(|trial| {
-                let Checked { new } = check(&request(json!({"trial": trial})))?;
-                Ok(crate::store::NewAnalysis { study: Some(study), ..new })
+    let (run, new) = off_thread(move || {
+        let run = sample.map(|request| check(&request)).transpose()?.map(|checked| checked.new.spec_sha256);
+        let new = requests
+            .iter()
+            .map(|request| {
+                let Checked { new } = check(request)?;
+                Ok(NewAnalysis { study: Some(study), ..new })
             })
             .collect::<Result<Vec<_>, Problem>>()?;
-        Ok::<_, Problem>((format!("/v1/studies/{study}/progress?kind={kind}&spec={run}"), new))
+        Ok::<_, Problem>((run, new))
     })
     .await??;
+    // Each earlier analysis brings settings of its own along: such a run is told by its kind alone.
+    let spec = run.map_or_else(String::new, |run| format!("&spec={run}"));
+    let progress = format!("/v1/studies/{study}/progress?kind={kind}{spec}");
     let only = match only {
         BulkOnly::Missing => Only::Missing,
         BulkOnly::All => Only::All,
     };
     let bulk = state.store.create_bulk(new, only, key.as_ref()).await?;
-    let analyses: Vec<BulkAnalysis> =
-        bulk.made.iter().filter_map(|made| Some(BulkAnalysis { id: made.id, trial: made.uses.trial?.id })).collect();
+    let made = |Made { analysis, trial }: &Made| {
+        let (id, uses) = (analysis.id, &analysis.uses);
+        Some(BulkAnalysis {
+            id,
+            trial: (*trial)?,
+            trials: uses.trials,
+            subject: uses.subject.as_ref().map(|subject| subject.id),
+        })
+    };
+    let analyses: Vec<BulkAnalysis> = bulk.made.iter().filter_map(made).collect();
     let existing = bulk.existing.into_iter();
     let existing = existing.map(|Existing { id, trial, status }| BulkExisting { id, trial, status }).collect();
-    let skipped = skipped.into_iter().map(|trial| Skipped { trial: trial.id, reason: why_skipped(&trial) }).collect();
+    let left_out = skipped.into_iter().map(|trial| Skipped { trial: trial.id, reason: why_skipped(&trial) });
+    let refused = refused
+        .into_iter()
+        .map(|(analysis, trial, problem)| Skipped { trial, reason: format!("analysis {analysis}: {problem}") });
+    let skipped = left_out.chain(refused).collect();
     let answer = BulkAnswer { created: analyses.len(), analyses, existing, skipped, progress };
     let mut response = super::etag::tagged(StatusCode::ACCEPTED, &answer)?;
     if bulk.replayed {

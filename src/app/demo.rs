@@ -240,6 +240,7 @@ fn request(study: StudyId, kind: &str, inputs: Value, spec: Value) -> anyhow::Re
         request,
         trials: references.trials,
         plants: references.plants,
+        analyses: references.analyses,
     })
 }
 

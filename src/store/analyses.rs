@@ -9,7 +9,7 @@ use super::records::{
     AnalysisFilter, AnalysisRecord, Created, IdempotencyKey, NewAnalysis, Page, RunFilter, RunProgress,
 };
 use super::rows::{get, json, json_opt, json_verified, parsed, parsed_opt, sha256, time, time_opt, to_json, unsigned};
-use super::used::used_trials;
+use super::used::{PLANTS_OF, TRIALS_OF, linked, used_trials};
 use crate::analysis::ids::{AnalysisId, StudyId};
 use crate::ctl::{Bracket, Progress};
 use crate::jobs::{Event, Job, Status};
@@ -99,17 +99,43 @@ impl Noun for AnalysisRecord {
     }
 }
 
-/// The study of everything that an analysis names; `None` where it names nothing.
-async fn common_study(connection: &mut SqliteConnection, new: &NewAnalysis) -> StoreResult<Option<String>> {
+/// The stored things that an analysis rests on: those that it names, and those of the analyses that it carries on from,
+/// so that it is listed with them and erased with them.
+pub(super) struct RestsOn {
+    pub trials: Vec<String>,
+    pub plants: Vec<String>,
+}
+
+/// What an analysis rests on; the earlier ones must be there.
+pub(super) async fn rests_on(connection: &mut SqliteConnection, new: &NewAnalysis) -> StoreResult<RestsOn> {
+    let mut all = RestsOn {
+        trials: new.trials.iter().map(ToString::to_string).collect(),
+        plants: new.plants.iter().map(ToString::to_string).collect(),
+    };
+    for analysis in &new.analyses {
+        fetch::<AnalysisRecord>(connection, *analysis).await?;
+        let id = analysis.to_string();
+        all.trials.extend(linked(connection, TRIALS_OF, &id).await?);
+        all.plants.extend(linked(connection, PLANTS_OF, &id).await?);
+    }
+    Ok(all)
+}
+
+/// The study of everything that an analysis rests on; `None` where that is nothing.
+async fn common_study(
+    connection: &mut SqliteConnection,
+    new: &NewAnalysis,
+    rests_on: &RestsOn,
+) -> StoreResult<Option<String>> {
     let mut common = new.study.map(|study| study.to_string());
-    let named = new
+    let named = rests_on
         .trials
         .iter()
-        .map(|id| ("trial", id.to_string(), "SELECT study_id FROM trials WHERE id = $1"))
-        .chain(new.plants.iter().map(|id| ("plant", id.to_string(), "SELECT study_id FROM plants WHERE id = $1")));
+        .map(|id| ("trial", id, "SELECT study_id FROM trials WHERE id = $1"))
+        .chain(rests_on.plants.iter().map(|id| ("plant", id, "SELECT study_id FROM plants WHERE id = $1")));
     for (noun, id, query) in named {
-        let found: Option<String> = sqlx::query_scalar(query).bind(&id).fetch_optional(&mut *connection).await?;
-        let found = found.ok_or_else(|| StoreError::not_found(noun, &id))?;
+        let found: Option<String> = sqlx::query_scalar(query).bind(id).fetch_optional(&mut *connection).await?;
+        let found = found.ok_or_else(|| StoreError::not_found(noun, id))?;
         match &common {
             Some(study) if *study != found => {
                 let detail =
@@ -131,7 +157,8 @@ pub(super) async fn insert(
     if let Some(study) = new.study {
         must_exist(connection, study).await?;
     }
-    let study = common_study(connection, new).await?;
+    let rests_on = rests_on(connection, new).await?;
+    let study = common_study(connection, new, &rests_on).await?;
     let id = Uuid::now_v7().to_string();
     let request = to_json(&new.request)?;
     sqlx::query(concat!(
@@ -150,10 +177,9 @@ pub(super) async fn insert(
     .bind(now)
     .execute(&mut *connection)
     .await?;
-    let trials = new.trials.iter().map(ToString::to_string);
+    let RestsOn { trials, plants } = rests_on;
     link(connection, &id, trials, "INSERT INTO analysis_trials (analysis_id, position, trial_id) VALUES ($1, $2, $3)")
         .await?;
-    let plants = new.plants.iter().map(ToString::to_string);
     link(connection, &id, plants, "INSERT INTO analysis_plants (analysis_id, position, plant_id) VALUES ($1, $2, $3)")
         .await?;
     fetch(connection, &id).await
@@ -175,11 +201,11 @@ impl Make for AnalysisRecord {
 async fn link(
     connection: &mut SqliteConnection,
     analysis: &str,
-    named: impl Iterator<Item = String>,
+    named: Vec<String>,
     insert: &'static str,
 ) -> StoreResult<()> {
     let mut seen = std::collections::BTreeSet::new();
-    for (position, id) in (0_i64..).zip(named.filter(|id| seen.insert(id.clone()))) {
+    for (position, id) in (0_i64..).zip(named.into_iter().filter(|id| seen.insert(id.clone()))) {
         sqlx::query(insert).bind(analysis).bind(position).bind(id).execute(&mut *connection).await?;
     }
     Ok(())

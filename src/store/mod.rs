@@ -70,7 +70,7 @@ mod watch;
 mod writing;
 
 pub use backup::Manifest;
-pub use bulk::{Bulk, Existing, Only};
+pub use bulk::{Bulk, Existing, Made, Only};
 pub use claims::{Claim, Heartbeat, Lease, LeaseState, Rescued};
 pub use clock::Clock;
 pub use drafts::{Draft, DraftFile, DraftTrial, Drafted};

@@ -333,6 +333,8 @@ pub struct NewAnalysis {
     pub trials: Vec<TrialId>,
     /// The stored plants that it uses.
     pub plants: Vec<PlantId>,
+    /// Earlier analyses that it carries on from: it uses what they use, and goes with it.
+    pub analyses: Vec<AnalysisId>,
 }
 
 /// An analysis: the row is the job.

@@ -11,6 +11,7 @@ use super::open::Store;
 use super::records::{Study, TrialRecord};
 use super::rows::{get, sha256};
 use super::signals::pack;
+use super::used::{PLANTS_OF, TRIALS_OF, linked};
 use crate::analysis::Report;
 use crate::analysis::ids::{AnalysisId, StudyId, TrialId};
 use crate::trial::Trial;
@@ -108,13 +109,6 @@ fn raw(row: &SqliteRow, without: &[&str]) -> StoreResult<StoredRow> {
     }
     Ok(found)
 }
-
-async fn linked(connection: &mut SqliteConnection, select: &'static str, id: &str) -> StoreResult<Vec<String>> {
-    Ok(sqlx::query_scalar(select).bind(id).fetch_all(connection).await?)
-}
-
-const TRIALS_OF: &str = "SELECT trial_id FROM analysis_trials WHERE analysis_id = $1 ORDER BY position";
-const PLANTS_OF: &str = "SELECT plant_id FROM analysis_plants WHERE analysis_id = $1 ORDER BY position";
 
 impl Store {
     /// The rows of a study in one table, in the order in which they were made.

@@ -1,7 +1,9 @@
 //! Which stored trials an analysis uses, as lists say it.
 
+use super::error::StoreResult;
 use crate::analysis::ids::{SubjectId, TrialId};
 use serde::Deserialize;
+use sqlx::SqliteConnection;
 
 /// Selects a [`UsedTrials`] as JSON for the analysis under the alias `n`.
 macro_rules! used_trials {
@@ -16,6 +18,20 @@ macro_rules! used_trials {
     };
 }
 pub(super) use used_trials;
+
+/// The trials that an analysis rests on, in its order.
+pub(super) const TRIALS_OF: &str = "SELECT trial_id FROM analysis_trials WHERE analysis_id = $1 ORDER BY position";
+/// The plants that it rests on, in its order.
+pub(super) const PLANTS_OF: &str = "SELECT plant_id FROM analysis_plants WHERE analysis_id = $1 ORDER BY position";
+
+/// The ids of [`TRIALS_OF`] or [`PLANTS_OF`] an analysis.
+pub(super) async fn linked(
+    connection: &mut SqliteConnection,
+    select: &'static str,
+    id: &str,
+) -> StoreResult<Vec<String>> {
+    Ok(sqlx::query_scalar(select).bind(id).fetch_all(connection).await?)
+}
 
 /// The stored trials that an analysis uses.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]

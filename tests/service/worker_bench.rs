@@ -33,7 +33,7 @@ impl Execute for Scripts {
         let script = self.scripts.lock().unwrap().get(name).cloned();
         let script = script.ok_or_else(|| Problem::new(Code::Invalid, "no script", name).at("/spec/script"))?;
         let trials: Vec<TrialId> = serde_json::from_value(request.inputs["trials"].clone()).unwrap();
-        Ok(Box::new(Scripted { script, references: References { trials, plants: Vec::new() } }))
+        Ok(Box::new(Scripted { script, references: References { trials, ..References::default() } }))
     }
 }
 
@@ -59,6 +59,7 @@ pub fn new_analysis(script: &str) -> NewAnalysis {
         spec_sha256: "0".repeat(64),
         trials: Vec::new(),
         plants: Vec::new(),
+        analyses: Vec::new(),
     }
 }
 

@@ -187,6 +187,7 @@ impl Analysis for Plan {
                                    (Zhang 2015, sections 3.5.1 and 5.6.1).";
     const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
+    const TAKES_TRIALS: bool = true;
 
     type Inputs = TrialInputs;
     type Spec = FrequencyResponseSpec;

@@ -69,6 +69,7 @@ impl Analysis for Plan {
         is optimal for a quadratic cost, and for which (Priess 2015, sections 3.5, 5.2 and 6.3).";
     const RESULT_VERSION: u32 = 3;
     const EXAMPLE: &'static str = include_str!("example.json");
+    const TAKES_TRIALS: bool = true;
 
     type Inputs = GainFitInputs;
     type Spec = GainFitSpec;

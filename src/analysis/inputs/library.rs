@@ -1,6 +1,6 @@
 //! Stored things that an analysis refers to, and how it gets them.
 
-use crate::analysis::ids::{PlantId, TrialId};
+use crate::analysis::ids::{AnalysisId, PlantId, TrialId};
 use crate::analysis::problem::{Code, Problem};
 use crate::analysis::report::Warning;
 use crate::control::Model;
@@ -16,6 +16,8 @@ pub struct References {
     pub trials: Vec<TrialId>,
     /// Plants named on their own; a trial brings its plant along.
     pub plants: Vec<PlantId>,
+    /// Earlier analyses whose answers the request carries: what they were computed from is used here too.
+    pub analyses: Vec<AnalysisId>,
 }
 
 impl References {

@@ -1,6 +1,7 @@
 //! Inputs that several kinds share: stored things, trials, frequency data, plants.
 
 pub mod data;
+pub mod earlier;
 pub mod fitted;
 pub mod frequency_problem;
 pub mod library;

@@ -235,7 +235,7 @@ impl Part for TrialInputs {
 impl Inputs for TrialInputs {
     fn references(&self) -> References {
         let stored = |input: &TrialInput| if let TrialInput::Stored(id) = input { Some(*id) } else { None };
-        References { trials: self.trials().iter().filter_map(stored).collect(), plants: Vec::new() }
+        References { trials: self.trials().iter().filter_map(stored).collect(), ..References::default() }
     }
 
     fn sha256(&self, library: &Library) -> Result<BTreeMap<String, String>, Problem> {

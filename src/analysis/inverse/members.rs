@@ -1,9 +1,10 @@
 //! Reading the members of the inputs.
 
+use super::found_by::FoundBy;
 use super::written::{OtherController, OtherCost, OtherNoise, Trajectory, WrittenMatrix};
 use crate::analysis::kind::Kind;
 use crate::analysis::problem::Problem;
-use crate::analysis::reading::{object, only, wrong_inputs as wrong};
+use crate::analysis::reading::{self, object, only, wrong_inputs as wrong};
 use crate::trial::pointer;
 use serde_json::{Map, Value};
 
@@ -37,7 +38,7 @@ impl<'a> Members<'a> {
         own: &[&str],
     ) -> Result<Self, Problem> {
         let members = value.as_object().ok_or_else(|| wrong("the inputs are no object", "/inputs"))?;
-        let optional = [&["sample_time_s", "state_names", "state_units", "compare_with"], own].concat();
+        let optional = [&["sample_time_s", "state_names", "state_units", "compare_with", "found_by"], own].concat();
         for name in members.keys() {
             if !needed.contains(&name.as_str()) && !optional.contains(&name.as_str()) {
                 let (needed, optional) = (needed.join(", "), optional.join(", "));
@@ -78,6 +79,12 @@ impl<'a> Members<'a> {
                 .map_err(|error| wrong(error.to_string(), pointer::member("/inputs", name)))
         };
         present(self.members, name).map(read).transpose()
+    }
+
+    /// The analysis that found the gains.
+    pub(in crate::analysis) fn found_by(&self) -> Result<Option<FoundBy>, Problem> {
+        let read = |value| reading::read(value, "/inputs/found_by", "unusable inputs");
+        present(self.members, "found_by").map(read).transpose()
     }
 
     /// The trajectory.

@@ -9,6 +9,7 @@ mod doubts;
 mod evidence;
 pub mod filter;
 mod findings;
+pub mod found_by;
 pub(in crate::analysis) mod half;
 pub(in crate::analysis) mod members;
 pub mod parts;

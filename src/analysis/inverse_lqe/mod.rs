@@ -7,10 +7,11 @@
 
 mod inputs;
 
-use super::contract::{Analysis, Failure, Outcome};
+use super::contract::{Analysis, Failure, OfEarlier, Outcome};
 use super::inputs::library::Library;
 use super::inverse::answer::answer;
 use super::inverse::filter::InverseLqeResult;
+use super::inverse::found_by::{self, Asked};
 use super::inverse::half::Half;
 use super::inverse::spec::{CheckedSpec, InverseSpec};
 use super::kind::Kind;
@@ -35,6 +36,7 @@ impl Analysis for Plan {
         inverse_lqr).";
     const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
+    const OF_EARLIER: Option<OfEarlier> = Some(|earlier| found_by::question(earlier, Asked::Filter));
 
     type Inputs = InverseLqeInputs;
     type Spec = InverseSpec;

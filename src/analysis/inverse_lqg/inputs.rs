@@ -3,6 +3,8 @@
 use super::Plan;
 use super::spec::InverseLqgSpec;
 use crate::analysis::contract::{Analysis as _, Inputs, Part};
+use crate::analysis::inputs::library::References;
+use crate::analysis::inverse::found_by::FoundBy;
 use crate::analysis::inverse::half::{Half, WrittenLabels, check_feedthrough};
 use crate::analysis::inverse::members::Members;
 use crate::analysis::inverse::written::{OtherController, Trajectory, WrittenMatrix};
@@ -55,9 +57,16 @@ pub struct InverseLqgInputs {
     /// The weights of another subject or session.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub compare_with: Option<OtherController>,
+    /// The analysis that found the gains, written where the request names it. Default: none, they are the writer's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub found_by: Option<FoundBy>,
 }
 
-impl Inputs for InverseLqgInputs {}
+impl Inputs for InverseLqgInputs {
+    fn references(&self) -> References {
+        References { analyses: self.found_by.iter().map(|found| found.analysis).collect(), ..References::default() }
+    }
+}
 
 impl Part for InverseLqgInputs {
     fn read(value: &Value, _at: &str) -> Result<Self, Problem> {
@@ -79,6 +88,7 @@ impl Part for InverseLqgInputs {
             output_units: members.texts("output_units")?,
             trajectory: members.trajectory()?,
             compare_with: members.other_controller()?,
+            found_by: members.found_by()?,
         })
     }
 }

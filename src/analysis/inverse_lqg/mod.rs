@@ -11,9 +11,10 @@ mod inputs;
 mod result;
 mod spec;
 
-use super::contract::{Analysis, Failure, Outcome};
+use super::contract::{Analysis, Failure, OfEarlier, Outcome};
 use super::inputs::library::Library;
 use super::inverse::answer::answer;
+use super::inverse::found_by::{self, Asked};
 use super::inverse::half::Half;
 use super::inverse::spec::CheckedSpec;
 use super::kind::Kind;
@@ -43,6 +44,7 @@ impl Analysis for Plan {
         verdict on both, and the weights Q, R, W and V (Priess 2015, section 4.3).";
     const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
+    const OF_EARLIER: Option<OfEarlier> = Some(|earlier| found_by::question(earlier, Asked::Whole));
 
     type Inputs = InverseLqgInputs;
     type Spec = InverseLqgSpec;

@@ -2,6 +2,8 @@
 
 use super::Plan;
 use crate::analysis::contract::{Analysis as _, Inputs, Part};
+use crate::analysis::inputs::library::References;
+use crate::analysis::inverse::found_by::FoundBy;
 use crate::analysis::inverse::half::{Half, WrittenLabels};
 use crate::analysis::inverse::members::Members;
 use crate::analysis::inverse::spec::InverseSpec;
@@ -42,9 +44,16 @@ pub struct InverseLqrInputs {
     /// The weights of another subject or session.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub compare_with: Option<OtherCost>,
+    /// The analysis that found the gains, written where the request names it. Default: none, they are the writer's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub found_by: Option<FoundBy>,
 }
 
-impl Inputs for InverseLqrInputs {}
+impl Inputs for InverseLqrInputs {
+    fn references(&self) -> References {
+        References { analyses: self.found_by.iter().map(|found| found.analysis).collect(), ..References::default() }
+    }
+}
 
 impl Part for InverseLqrInputs {
     fn read(value: &Value, _at: &str) -> Result<Self, Problem> {
@@ -61,6 +70,7 @@ impl Part for InverseLqrInputs {
             input_units: members.texts("input_units")?,
             trajectory: members.trajectory()?,
             compare_with: members.other_cost()?,
+            found_by: members.found_by()?,
         })
     }
 }

@@ -8,9 +8,10 @@
 
 mod inputs;
 
-use super::contract::{Analysis, Failure, Outcome};
+use super::contract::{Analysis, Failure, OfEarlier, Outcome};
 use super::inputs::library::Library;
 use super::inverse::answer::answer;
+use super::inverse::found_by::{self, Asked};
 use super::inverse::half::Half;
 use super::inverse::regulator::InverseLqrResult;
 use super::inverse::spec::{CheckedSpec, InverseSpec};
@@ -35,6 +36,7 @@ impl Analysis for Plan {
         problem; and the nearest optimal gain where it is not (Priess 2015, section 3.2).";
     const RESULT_VERSION: u32 = 2;
     const EXAMPLE: &'static str = include_str!("example.json");
+    const OF_EARLIER: Option<OfEarlier> = Some(|earlier| found_by::question(earlier, Asked::Regulator));
 
     type Inputs = InverseLqrInputs;
     type Spec = InverseSpec;

@@ -126,7 +126,7 @@ impl Part for LqgFitInputs {
 
 impl Inputs for LqgFitInputs {
     fn references(&self) -> References {
-        References { trials: self.stored().map(|(_, id)| id).collect(), plants: Vec::new() }
+        References { trials: self.stored().map(|(_, id)| id).collect(), ..References::default() }
     }
 
     /// Of each member, and of the content of each stored trial.

@@ -52,6 +52,7 @@ impl Analysis for Plan {
         number for what the records do not tell (Priess 2015, sections 4.3, 4.4.2 and 6.3).";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");
+    const TAKES_TRIALS: bool = true;
 
     type Inputs = LqgFitInputs;
     type Spec = LqgFitSpec;

@@ -53,6 +53,7 @@ impl Analysis for Plan {
      and hypotheses, and the change of the feedback from first to last trials.";
     const RESULT_VERSION: u32 = 1;
     const EXAMPLE: &'static str = include_str!("example.json");
+    const TAKES_TRIALS: bool = true;
 
     type Inputs = FittedTrials;
     type Spec = PredictionErrorSpec;

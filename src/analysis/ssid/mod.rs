@@ -90,6 +90,7 @@ impl Analysis for Plan {
                                    5.1).";
     const RESULT_VERSION: u32 = 7;
     const EXAMPLE: &'static str = include_str!("example.json");
+    const TAKES_TRIALS: bool = true;
 
     type Inputs = SsidInputs;
     type Spec = SsidSpec;

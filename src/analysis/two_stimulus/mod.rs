@@ -82,6 +82,7 @@ impl Analysis for Plan {
                                    for.";
     const RESULT_VERSION: u32 = 3;
     const EXAMPLE: &'static str = include_str!("example.json");
+    const TAKES_TRIALS: bool = true;
 
     type Inputs = TwoStimulusInputs;
     type Spec = TwoStimulusSpec;

@@ -108,7 +108,7 @@ struct About {
 impl About {
     async fn read(state: &AppState, request: Request) -> ApiResult<Self> {
         let inline = request.inputs.get("plant").and_then(|plant| serde_json::from_value::<Model>(plant.clone()).ok());
-        let References { trials, plants } = references(request).await?;
+        let References { trials, plants, .. } = references(request).await?;
         let shown = |id: Option<TrialId>| async move {
             match id {
                 Some(id) => Shown::read(state, id).await.map(Some),

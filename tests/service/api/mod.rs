@@ -12,6 +12,7 @@ mod excitation;
 mod figures;
 mod gain_fit;
 pub mod harness;
+mod intent;
 mod inverse;
 mod learning;
 mod limits;

@@ -286,13 +286,13 @@ async fn damage_is_noticed_and_named() {
     let estimates = store.estimates_of_trials(&[id(0)], None).await.unwrap();
     assert_eq!((estimates.found.len(), estimates.damaged.len()), (0, 1));
     assert!(estimates.damaged[0].0 == analysis.id && estimates.damaged[0].2.contains("hash"), "{estimates:?}");
-    let references = volition::analysis::References { trials: vec![id(0)], plants: vec![] };
+    let references = volition::analysis::References { trials: vec![id(0)], ..Default::default() };
     assert_damaged(store.library(&references).await, "column y");
     // Still a model, and a wrong one.
     assert_eq!(tamper(&path, "UPDATE plants SET model = replace(model, '0.1', '0.7')").await, 1);
     assert_damaged(store.plant(plant.id).await, "model");
     assert_eq!(store.plants(study.id, EVERYTHING).await.unwrap(), []);
-    let references = volition::analysis::References { trials: vec![id(4)], plants: vec![] };
+    let references = volition::analysis::References { trials: vec![id(4)], ..Default::default() };
     assert_damaged(store.library(&references).await, "model");
     assert_eq!(tamper(&path, "UPDATE analyses SET request = replace(request, 'appendix_b', 'appendix_c')").await, 1);
     assert_damaged(store.analysis(analysis.id).await, "request");

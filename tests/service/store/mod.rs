@@ -137,6 +137,7 @@ pub fn new_analysis(trials: Vec<TrialId>) -> NewAnalysis {
         spec_sha256: "5".repeat(64),
         trials,
         plants: Vec::new(),
+        analyses: Vec::new(),
     }
 }
 

@@ -221,7 +221,7 @@ async fn the_library_holds_recordings_with_their_plants() {
     let bench = Bench::new().await;
     let (_, plant, subject) = bench.lab().await;
     let trials = vec![bench.trial(subject, plant, 1).await, bench.trial(subject, plant, 2).await];
-    let references = References { trials: trials.clone(), plants: vec![plant] };
+    let references = References { trials: trials.clone(), plants: vec![plant], ..References::default() };
     let library = bench.store.library(&references).await.unwrap();
     assert_eq!(library.plants[&plant], model());
     let stored = &library.trials[&trials[1]];
@@ -232,6 +232,6 @@ async fn the_library_holds_recordings_with_their_plants() {
     );
     bench.store.delete::<TrialRecord>(trials[0], None).await.unwrap();
     assert_not_found(bench.store.library(&references).await, "trial");
-    let no_plant = References { trials: vec![], plants: vec![PlantId(uuid::Uuid::nil())] };
+    let no_plant = References { trials: vec![], plants: vec![PlantId(uuid::Uuid::nil())], ..References::default() };
     assert_not_found(bench.store.library(&no_plant).await, "plant");
 }
