@@ -161,30 +161,36 @@ pub fn fit(experiment: &Experiment<'_>, settings: &Settings, ctl: &Ctl) -> Resul
     let climbs = chosen.len();
     let best = ended.iter().min_by(|x, y| x.deviance.total_cmp(&y.deviance)).ok_or(FitError::NotFinite)?;
     let agreeing = ended.iter().filter(|c| c.deviance - best.deviance <= SAME_DEVIANCE).count();
-    finish(experiment, settings, best).map_or(Err(FitError::NotFinite), |mut estimate| {
-        estimate.usable = usable;
-        estimate.climbs = climbs;
-        estimate.agreeing = agreeing;
-        estimate.evaluations = evaluations;
-        Ok(estimate)
-    })
+    let mut estimate = finish(experiment, settings, best, ctl)?.ok_or(FitError::NotFinite)?;
+    estimate.usable = usable;
+    estimate.climbs = climbs;
+    estimate.agreeing = agreeing;
+    estimate.evaluations = evaluations;
+    Ok(estimate)
 }
 
 /// The likelihood at the best point, with all that follows from it.
-fn finish(experiment: &Experiment<'_>, settings: &Settings, best: &Climbed) -> Option<Estimate> {
+fn finish(
+    experiment: &Experiment<'_>,
+    settings: &Settings,
+    best: &Climbed,
+    ctl: &Ctl,
+) -> Result<Option<Estimate>, Stopped> {
     let sizes = experiment.sizes();
     let unit = DMatrix::identity(experiment.outputs(), experiment.outputs());
-    let (scatter, covariance) = covariance_at(experiment, settings, &best.theta, &unit)?;
+    let Some((scatter, covariance)) = covariance_at(experiment, settings, &best.theta, &unit) else { return Ok(None) };
+    ctl.check()?;
     // Once more with the weights that belong to the point: initial states depend on them.
-    let first = Noise::whitening(&covariance)?;
-    let (scatter, covariance) = if settings.noise == Noise::Scalar {
-        (scatter, covariance)
-    } else {
-        covariance_at(experiment, settings, &best.theta, &first)?
+    let again = match settings.noise {
+        Noise::Scalar => Some((scatter, covariance)),
+        _ => Noise::whitening(&covariance).and_then(|first| covariance_at(experiment, settings, &best.theta, &first)),
     };
-    let whitening = Noise::whitening(&covariance)?;
-    let evaluation = experiment.evaluate(&best.theta, &whitening, true)?;
-    Some(Estimate {
+    ctl.check()?;
+    let Some((scatter, covariance)) = again else { return Ok(None) };
+    let whitened = Noise::whitening(&covariance)
+        .and_then(|whitening| Some((experiment.evaluate(&best.theta, &whitening, true)?, whitening)));
+    let Some((evaluation, whitening)) = whitened else { return Ok(None) };
+    Ok(Some(Estimate {
         theta: best.theta.clone(),
         deviance: settings.noise.deviance(&scatter, experiment.samples(), sizes),
         is_exact: Noise::is_rounding(&scatter, experiment.samples(), sizes),
@@ -197,7 +203,7 @@ fn finish(experiment: &Experiment<'_>, settings: &Settings, best: &Climbed) -> O
         evaluations: 0,
         rounds: best.rounds,
         stop: best.stop,
-    })
+    }))
 }
 
 /// S and Σ̂ at θ, with the initial states weighted by `whitening`.
@@ -253,6 +259,7 @@ fn climb(
     let (samples, sizes) = (experiment.samples(), experiment.sizes());
     let unit = DMatrix::identity(experiment.outputs(), experiment.outputs());
     let Some((scatter, mut covariance)) = covariance_at(experiment, settings, start, &unit) else { return Ok(None) };
+    ctl.check()?;
     // Far from the answer the errors of all outputs go together, which is no property of the noise.
     if settings.noise == Noise::Full {
         covariance = Noise::Diagonal.covariance(&scatter, samples, sizes);

@@ -201,6 +201,8 @@ pub fn minimise<P: LeastSquares>(
         }
         let units = scale.map(|d| if d > 0.0 { d } else { 1.0 });
         let step = step(&point, &point.constants, damping, &units);
+        // Of many equations a decomposition takes about as long as their derivatives: asked between each.
+        ctl.check()?;
         let gradient_cosine = stationarity(&point, &step);
         let finish = |stop, solver: Solver<'_, P>, point: Point| {
             Ok(solver.minimum(point, &step.multipliers, gradient_cosine, iterations, stop))
@@ -223,7 +225,7 @@ pub fn minimise<P: LeastSquares>(
         if predicted <= UNDECIDED * point.cost {
             // The cost cannot tell any more which point is better; the stationarity measure, whose rounding is its own
             // and not its root, can.
-            match solver.polished(&point, &step.p, damping, &units, gradient_cosine)? {
+            match solver.polished(&point, &step.p, (damping, &units), gradient_cosine, ctl)? {
                 Some(next) => {
                     point = next;
                     damping /= 3.0;
@@ -237,7 +239,9 @@ pub fn minimise<P: LeastSquares>(
                 }
             }
         }
-        match solver.tried(&point, &step.p, damping, &units) {
+        let tried = solver.tried(&point, &step.p, damping, &units);
+        ctl.check()?;
+        match tried {
             Trial::Taken(next, p) if next.cost < point.cost => {
                 let predicted = point.cost - (&point.residuals + &point.jacobian * &p).norm_squared();
                 let ratio = (point.cost - next.cost) / predicted.max(f64::MIN_POSITIVE);
@@ -380,15 +384,17 @@ impl<'a, P: LeastSquares> Solver<'a, P> {
         &mut self,
         point: &Point,
         p: &DVector<f64>,
-        damping: f64,
-        units: &DVector<f64>,
+        (damping, units): (f64, &DVector<f64>),
         cosine: f64,
+        ctl: &Ctl,
     ) -> Result<Option<Point>, LeastSquaresError> {
         let Trial::Taken(next, _) = self.tried(point, p, damping, units) else { return Ok(None) };
+        ctl.check()?;
         if next.cost > point.cost * (1.0 + UNDECIDED) {
             return Ok(None);
         }
         let next = self.differentiate(*next).ok_or(LeastSquaresError::NotFinite)?;
+        ctl.check()?;
         let ahead = step(&next, &next.constants, damping, units);
         Ok((stationarity(&next, &ahead) < 0.9 * cosine).then_some(next))
     }
