@@ -114,6 +114,20 @@ struct Part {
 }
 
 impl<'a> Experiment<'a> {
+    /// The same trials with another model of the same ports.
+    #[must_use]
+    pub fn with_model<'b>(&self, model: &'b dyn LoopModel) -> Experiment<'b> {
+        Experiment {
+            model,
+            time: self.time,
+            records: self.records.clone(),
+            twins: self.twins.clone(),
+            estimate_initial: self.estimate_initial,
+            samples: self.samples,
+            sizes: self.sizes.clone(),
+        }
+    }
+
     /// Trials of one sample time.
     ///
     /// # Errors

@@ -15,6 +15,8 @@
 //! K and L together come from the innovation form ([`innovation`]): the same machinery, with the person's own predictor
 //! as the model.
 //!
+//! A gain that is held to be optimal, and the test whether it is: [`optimal`].
+//!
 //! Costs and noises themselves, of which K and L are functions, are fitted by [`lqg`].
 
 pub mod estimate;
@@ -23,6 +25,7 @@ pub mod innovation;
 pub mod lqg;
 pub mod model;
 pub mod noise;
+pub mod optimal;
 pub mod residuals;
 pub mod starts;
 pub mod uncertainty;

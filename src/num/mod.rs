@@ -14,7 +14,7 @@ pub mod least_squares;
 pub mod linalg;
 pub(crate) mod newton;
 pub(crate) mod noncentral_t;
-mod nonnegative;
+pub(crate) mod nonnegative;
 pub mod poly;
 pub mod rng;
 pub(crate) mod roots;

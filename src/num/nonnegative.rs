@@ -14,7 +14,7 @@ const DEPENDENT: f64 = 1e-12;
 /// # Panics
 /// If the shapes differ, which is a mistake of the caller.
 #[must_use]
-pub(super) fn minimise(quadratic: &DMatrix<f64>, linear: &DVector<f64>, tolerance: f64) -> DVector<f64> {
+pub(crate) fn minimise(quadratic: &DMatrix<f64>, linear: &DVector<f64>, tolerance: f64) -> DVector<f64> {
     let n = linear.len();
     assert!(quadratic.nrows() == n && quadratic.ncols() == n, "a {n}x{n} matrix");
     let mut mu = DVector::zeros(n);

@@ -219,6 +219,7 @@ impl Found<'_> {
             inverse_lqg_inputs: assembled.sample_time_s.filter(|_| both).map(&whole),
             twins,
             optimality,
+            optimal: None,
         };
         Ok((result, no_twins))
     }

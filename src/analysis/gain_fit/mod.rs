@@ -18,6 +18,7 @@ mod assembly;
 mod findings;
 mod inputs;
 mod known_plant;
+mod optimal_person;
 mod optimality;
 mod plant;
 mod result;
@@ -38,6 +39,7 @@ use answer::{Found, no_fit};
 use assembly::Loop;
 pub use inputs::{GainFitInputs, GainFitTrial, GainFitTrialInput};
 use known_plant::PlantSource;
+pub use optimal_person::{FittedWeight, OptimalPersonResult, RatioNull};
 pub use optimality::{NearestOptimal, OptimalityResult, OptimalityVerdict, WeightInterval};
 pub use plant::{GainFitPlant, MatrixPlant, NamedPlant, PlantParameter};
 pub use result::{
@@ -46,8 +48,8 @@ pub use result::{
 };
 use signals::{Signals, of_library, of_request};
 pub use spec::{
-    DisturbanceKnowledge, GainFitSpec, GainFitWanted, InitialState, NoiseName, NoiseSpec, OptimalitySpec,
-    PerceivedNoise, PersonDelaySpec, PersonLagSpec,
+    ConstraintName, DisturbanceKnowledge, GainFitSpec, GainFitWanted, InitialState, NoiseName, NoiseSpec,
+    OptimalConstraint, OptimalSetting, OptimalitySpec, PerceivedNoise, PersonDelaySpec, PersonLagSpec,
 };
 use std::borrow::Cow;
 
@@ -66,7 +68,8 @@ impl Analysis for Plan {
     const SUMMARY: &'static str = "The gain K of a person who controls by u = −Kx, and named parameters of the plant \
         and of the person's delay and muscle, from one noisy trial or several by maximum likelihood, with intervals \
         and a test of the residuals; if wanted the gain of the person's filter too. It then says how surely the gain \
-        is optimal for a quadratic cost, and for which (Priess 2015, sections 3.5, 5.2 and 6.3).";
+        is optimal for a quadratic cost, and for which; a person held to be optimal is fitted beside the free one, with \
+        the ratio test between them (Priess 2015, sections 3.5, 5.2 and 6.3).";
     const RESULT_VERSION: u32 = 3;
     const EXAMPLE: &'static str = include_str!("example.json");
     const TAKES_TRIALS: bool = true;
@@ -81,8 +84,13 @@ impl Analysis for Plan {
         let place = |i: usize| inputs.place(i);
         match (&inputs.plant, &signals) {
             (Some(plant), Some(signals)) => {
-                let assembled = Loop::new(&PlantSource::Written(plant.clone()), &spec, signals, &place)?;
+                let source = PlantSource::Written(plant.clone());
+                let assembled = Loop::new(&source, &spec, signals, &place)?;
                 assembled.settings(&spec)?;
+                if let Some(constraint) = &spec.constraint {
+                    let [n, m, ..] = assembled.sizes;
+                    optimal_person::checked(constraint, &source.state_names(n), m)?;
+                }
                 assembled.experiment(&spec, signals, &place)?;
             }
             (None, Some(_)) => return Err(inputs::no_plant()),
@@ -115,6 +123,8 @@ impl Analysis for Plan {
         let experiment = assembled.experiment(spec, &signals, &place)?;
         let asked = spec.optimality.as_ref().map_or(0, |o| o.draws);
         let draws_share = if asked > 0 { 0.3 } else { 0.0 };
+        // With a second fit the first is a part with phases of its own, and so is the second.
+        let first = spec.constraint.as_ref().map(|_| ctl.scope(0.4));
         ctl.enter(Phase::Search, 0.1);
         let estimate = fit(&experiment, &settings, ctl).map_err(|error| no_fit(&error))?;
         ctl.enter(Phase::Intervals, 0.1);
@@ -128,8 +138,17 @@ impl Analysis for Plan {
             estimate: &estimate,
             uncertainty: &uncertainty,
         };
-        ctl.enter(Phase::Verification, draws_share);
-        let (result, no_twins) = found.result(ctl)?;
+        drop(first);
+        let optimal = match &spec.constraint {
+            None => None,
+            Some(constraint) => {
+                let _second = ctl.scope(0.4);
+                Some(optimal_person::held(&found, constraint, ctl)?)
+            }
+        };
+        ctl.enter(Phase::Verification, if spec.constraint.is_some() { 0.2 } else { draws_share });
+        let (mut result, no_twins) = found.result(ctl)?;
+        result.optimal = optimal;
         let fit =
             findings::Fit { is_exact: estimate.is_exact, noise: &settings.noise, filter: assembled.filter, no_twins };
         let warnings = findings::warnings(spec, &result, &fit);

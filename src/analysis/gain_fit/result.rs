@@ -1,5 +1,6 @@
 //! The result of a fit.
 
+use super::optimal_person::OptimalPersonResult;
 use super::optimality::OptimalityResult;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -195,4 +196,6 @@ pub struct GainFitResult {
     pub twins: Option<Vec<TwinResult>>,
     /// Whether the gains are optimal for a cost, how surely, and for which; null where that was not asked.
     pub optimality: Option<OptimalityResult>,
+    /// The person whose gain is held to be optimal, and the test against the free one; null where that was not asked.
+    pub optimal: Option<OptimalPersonResult>,
 }

@@ -153,6 +153,55 @@ impl OptimalitySpec {
     }
 }
 
+/// What the gain is held to be, in a fit beside the free one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+#[schemars(rename = "GainFitConstraint")]
+pub enum OptimalConstraint {
+    /// `optimal`: the regulator of a cost that weighs every state by a weight of its own, with R the identity.
+    #[schemars(title = "Name")]
+    Name(ConstraintName),
+    /// The same with a structure.
+    #[schemars(title = "Structure")]
+    Structured {
+        /// The cost.
+        optimal: OptimalSetting,
+    },
+}
+
+/// The name of a constraint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(rename = "GainFitConstraintName")]
+pub enum ConstraintName {
+    /// K is optimal for some cost.
+    Optimal,
+}
+
+/// The structure of the cost that K is held to be optimal for.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+#[schemars(rename = "GainFitOptimalSetting")]
+pub struct OptimalSetting {
+    /// The states that Q weighs, by name: `x1`, `x2`, .., or those of the catalogue's plant. Default: all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weighed_states: Option<Vec<String>>,
+    /// R, m×m, which is the scale of the cost and not estimated, in its unit over those of two controls. Default: the
+    /// identity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub control_weight: Option<Vec<Vec<f64>>>,
+}
+
+impl OptimalConstraint {
+    /// The structure, all defaults where none is written.
+    pub(super) fn setting(&self) -> OptimalSetting {
+        match self {
+            Self::Name(ConstraintName::Optimal) => OptimalSetting::default(),
+            Self::Structured { optimal } => optimal.clone(),
+        }
+    }
+}
+
 /// The spec of `gain_fit`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -191,6 +240,10 @@ pub struct GainFitSpec {
     pub seed: u64,
     /// Whether and how the gains are asked for their cost; null for not at all.
     pub optimality: Option<OptimalitySpec>,
+    /// What the gain is held to be in a fit of its own beside the free one, with the ratio test between them:
+    /// `optimal`, or `{"optimal": {"weighed_states": ["x1"]}}`; for `gain`. Default: nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub constraint: Option<OptimalConstraint>,
 }
 
 impl Default for GainFitSpec {
@@ -211,6 +264,7 @@ impl Default for GainFitSpec {
             climbs: 6,
             seed: 1,
             optimality: Some(OptimalitySpec::default()),
+            constraint: None,
         }
     }
 }
@@ -254,6 +308,10 @@ impl GainFitSpec {
             positive(lag.seconds, "/spec/muscle_lag/seconds")?;
         }
         if self.estimate == GainFitWanted::GainAndFilter {
+            if self.constraint.is_some() {
+                return Err(wrong("gain and filter together are not held to be optimal here", "/spec/constraint")
+                    .mend("Fit costs and noises by lqg_fit, or estimate the gain alone."));
+            }
             for (name, is_given) in [("delay", self.delay.is_some()), ("muscle_lag", self.muscle_lag.is_some())] {
                 if is_given {
                     return Err(wrong(
