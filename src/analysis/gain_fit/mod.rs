@@ -68,8 +68,8 @@ impl Analysis for Plan {
     const SUMMARY: &'static str = "The gain K of a person who controls by u = −Kx, and named parameters of the plant \
         and of the person's delay and muscle, from one noisy trial or several by maximum likelihood, with intervals \
         and a test of the residuals; if wanted the gain of the person's filter too. It then says how surely the gain \
-        is optimal for a quadratic cost, and for which; a person held to be optimal is fitted beside the free one, with \
-        the ratio test between them (Priess 2015, sections 3.5, 5.2 and 6.3).";
+        is optimal for a quadratic cost, and for which; a person held to be optimal is fitted beside the free one, \
+        with the ratio test between them (Priess 2015, sections 3.5, 5.2 and 6.3).";
     const RESULT_VERSION: u32 = 3;
     const EXAMPLE: &'static str = include_str!("example.json");
     const TAKES_TRIALS: bool = true;

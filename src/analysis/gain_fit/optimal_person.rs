@@ -191,7 +191,7 @@ pub(super) fn held(
         .and_then(|covariance| ratio_test(&person, &fitted.theta, covariance, ratio, spec.seed));
     let reason = if ratio < -BEHIND {
         Some(format!(
-            "the optimal gain is likelier than the free one by {:.3}: the free fit has not arrived; more climbs find it",
+            "the optimal gain is likelier than the free one by {:.3}: the free fit has not arrived; take more climbs",
             -0.5 * ratio
         ))
     } else if estimate.is_exact {

@@ -108,6 +108,25 @@ fn what_is_wrong_is_named() {
         ("/spec/noise", json!({"covariance": [[1, 2], [2, 1]]}), "/spec/noise/covariance", "positive definite"),
         ("/spec/noise", json!({"covariance": [[1]]}), "/spec/noise/covariance", "must be 2x2"),
         ("/spec/confidence", json!(1.0), "/spec/confidence", "between 0 and 1"),
+        ("/spec/constraint", json!("best"), "/spec/constraint", "did not match"),
+        (
+            "/spec/constraint",
+            json!({"optimal": {"weighed_states": ["x1", "y"]}}),
+            "/spec/constraint/optimal/weighed_states/1",
+            "no state \"y\"",
+        ),
+        (
+            "/spec/constraint",
+            json!({"optimal": {"weighed_states": []}}),
+            "/spec/constraint/optimal/weighed_states",
+            "weighs no state",
+        ),
+        (
+            "/spec/constraint",
+            json!({"optimal": {"control_weight": [[-1]]}}),
+            "/spec/constraint/optimal/control_weight",
+            "positive definite",
+        ),
         ("/spec/draws", json!(0), "/spec/draws", "1 to"),
         ("/spec/delay", json!({"seconds": -0.1}), "/spec/delay/seconds", "-0.1 s"),
         ("/spec/delay", json!({"order": 40}), "/spec/delay/order", "40"),
@@ -399,4 +418,69 @@ fn lqg_perceived_noise_y_only() {
     value["spec"]["optimality"] = Value::Null;
     let report = parse(&value).unwrap().run(&Library::default(), &Ctl::new()).unwrap();
     assert!(report.warnings.iter().any(|w| w.code == "gain_and_filter"), "{:?}", report.warnings);
+}
+
+/// A person with this gain on `ẋ = [[0, 1], [2, 0]]x + [0; 1](u + w)`, recorded with noise, held to be optimal.
+fn held_to_be_optimal(k: [f64; 2], constraint: &Value) -> Value {
+    use crate::control::StateSpace;
+    use crate::control::parametric::Realisation;
+    let closed = StateSpace::new(
+        DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 2.0 - k[0], -k[1]]),
+        DMatrix::from_row_slice(2, 1, &[0.0, 1.0]),
+        DMatrix::identity(2, 2),
+        DMatrix::zeros(2, 1),
+        Continuous,
+    )
+    .unwrap();
+    let model = Realisation { model: closed, initial: DVector::zeros(2) };
+    let model = model.sampled(Discrete::new(0.05).unwrap()).unwrap();
+    let mut stream = crate::num::rng::stream(3, "held to be optimal");
+    let mut noise = || {
+        use rand::RngExt as _;
+        stream.random_range(-0.01..0.01)
+    };
+    let input = wave(400, 1.0);
+    let clean = model.respond(&DMatrix::from_column_slice(400, 1, &input)).unwrap();
+    let output: Vec<[f64; 2]> = clean.row_iter().map(|row| [row[0] + noise(), row[1] + noise()]).collect();
+    let request = json!({
+        "kind": "gain_fit",
+        "inputs": {"plant": {"a": [[0, 1], [2, 0]], "b": [[0], [1]]},
+            "trial": {"sample_time_s": 0.05, "input": input, "output": output, "initial_state": [0, 0]}},
+        "spec": {"optimality": null, "constraint": constraint}
+    });
+    let report = parse(&request).unwrap().run(&Library::default(), &Ctl::new()).unwrap();
+    report.result["optimal"].clone()
+}
+
+#[test]
+fn a_person_held_to_be_optimal_has_the_weights_of_its_gain() {
+    // K = [6, 3] is optimal for Q = diag(K1² − 4 K1, K2² − 2 K1) = diag(12, −3): for a positive diagonal Q take
+    // K2² > 2 K1.
+    let k = [6.0, 4.0];
+    let truth = [12.0, 4.0];
+    let found = held_to_be_optimal(k, &json!("optimal"));
+    for (i, weight) in found["weights"].as_array().unwrap().iter().enumerate() {
+        let [low, high] = [0, 1].map(|end| weight["interval"][end].as_f64().unwrap());
+        let error = weight["log_standard_error"].as_f64().unwrap();
+        let value = weight["value"].as_f64().unwrap();
+        assert!(low < value && value < high && error < 0.2, "{weight}");
+        assert!((value / truth[i]).ln().abs() < 4.0 * error, "{weight} for {}", truth[i]);
+    }
+    // As many weights as gains, and inside the cone: every gain nearby is optimal too.
+    assert_eq!((&found["null_distribution"], &found["p_value"]), (&json!("zero"), &json!(1.0)), "{found}");
+    assert!(found["ratio"].as_f64().unwrap() < 1e-6, "{found}");
+}
+
+#[test]
+fn a_person_who_is_not_optimal_is_told_so() {
+    // K2² < 2 K1: no positive diagonal Q. The nearest optimal gain weighs the position alone.
+    let found = held_to_be_optimal([6.0, 2.5], &json!("optimal"));
+    assert_eq!(found["null_distribution"], "mixture", "{found}");
+    assert_eq!(found["weights"][1]["value"], 0.0, "{found}");
+    assert!((found["share_at_zero"].as_f64().unwrap() - 0.5).abs() < 0.02, "{found}");
+    assert!(found["ratio"].as_f64().unwrap() > 20.0 && found["p_value"].as_f64().unwrap() < 1e-3, "{found}");
+    // One weight for two gains is a curve.
+    let found = held_to_be_optimal([6.0, 4.0], &json!({"optimal": {"weighed_states": ["x1"]}}));
+    assert_eq!((&found["null_distribution"], &found["degrees_of_freedom"]), (&json!("chi_square"), &json!(1)));
+    assert!(found["p_value"].as_f64().unwrap() < 1e-3, "{found}");
 }
