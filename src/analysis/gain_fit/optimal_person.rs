@@ -13,7 +13,6 @@ use crate::inverse::{Gains, QSign, Structure};
 use crate::likelihood::optimal::{Null, OptimalPerson, plain_start, ratio_test};
 use crate::likelihood::uncertainty::Uncertainty;
 use crate::likelihood::{FitError, LoopModel as _, Settings, fit};
-use crate::person::state_feedback::PlantModel as _;
 use nalgebra::DMatrix;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -202,8 +201,11 @@ pub(super) fn held(
         None
     };
     let (errors, width) = (known.standard_errors(), known.half_width(spec.confidence));
+    let at_zero: Vec<bool> = (0..person.weighed.len())
+        .map(|i| test.as_ref().is_some_and(|test| test.at_zero[i]) || known.at_bound[i] < 0)
+        .collect();
     let weight = |(i, state): (usize, &usize)| {
-        let is_zero = test.as_ref().is_some_and(|test| test.at_zero[i]) || known.at_bound[i] < 0;
+        let is_zero = at_zero[i];
         let value = fitted.theta[i].exp();
         let error = errors.as_ref().map(|errors| errors[i]).filter(|_| !is_zero);
         FittedWeight {
