@@ -211,7 +211,7 @@ fn coverage(row: &Row, sets: usize) {
         );
     }
     println!(
-        "  ratio mean {:.2} of {}; all starts arrived {}, one alone {}; more explanations {}; information not observed {}",
+        "  ratio mean {:.2} of {}; all starts arrived {}, one alone {}; more explanations {}; not observed {}",
         all.iter().map(|o| o.ratio).sum::<f64>() / sets as f64,
         row.names.len(),
         share(all.iter().map(|o| o.arrived == 5)),

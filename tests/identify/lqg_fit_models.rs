@@ -420,8 +420,8 @@ fn reaches_have_the_moments_that_they_are_taken_for() {
     }
 }
 
-/// With the control recorded exactly the motor's noise is known at every sample: the likelihood is that of a plant whose
-/// process noise is given sample by sample.
+/// With the control recorded exactly the motor's noise is known at every sample: the likelihood is that of a plant
+/// whose process noise is given sample by sample.
 #[test]
 fn noise_of_a_recorded_control_is_exact() {
     let mut stream = rng::stream(45, "lqg noise of the control");

@@ -46,7 +46,8 @@ pub struct LqgFitPlant {
     /// E, n×q: in the unit of `x⁺` per unit of the disturbance. Default: B, a disturbance that is added to the control.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub e: Option<Vec<Vec<f64>>>,
-    /// D, p×q: in the unit of the output per unit of the disturbance; what the person sees of it at once. Default: zero.
+    /// D, p×q: in the unit of the output per unit of the disturbance; what the person sees of it at once. Default:
+    /// zero.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub d: Option<Vec<Vec<f64>>>,
     /// C_r, r×n, where an instrument (`instrument_variance`) recorded other outputs than those that are sensed: in the

@@ -13,6 +13,7 @@ mod answer;
 mod assembly;
 mod findings;
 mod inputs;
+mod refused;
 mod result;
 mod signals;
 mod spec;

@@ -93,7 +93,8 @@ pub struct LqgFitExplanation {
     pub q: Option<Vec<Vec<f64>>>,
     /// W_p, n×n, on the scale of V_p, in products of the units of two states; null where a coefficient of it is.
     pub perceived_process_noise: Option<Vec<Vec<f64>>>,
-    /// K, m×n, in the unit of the control per unit of the state, of the first sample where the horizon ends; null where its standard errors are above 0.7 of it.
+    /// K, m×n, in the unit of the control per unit of the state, of the first sample where the horizon ends; null where
+    /// its standard errors are above 0.7 of it.
     pub k: Option<Vec<Vec<f64>>>,
     /// Standard errors of its entries to first order, in their units.
     pub k_standard_error: Vec<Vec<f64>>,

@@ -50,8 +50,8 @@ pub enum LqgFitInitialState {
     Rest,
     /// Where the noise of the loop takes them: of mean zero, and spread as in the loop's steady state.
     Settled,
-    /// The state is that of the first recorded outputs, which are exact, and the belief before anything is sensed is the
-    /// same; the likelihood is that of the later samples.
+    /// The state is that of the first recorded outputs, which are exact, and the belief before anything is sensed is
+    /// the same; the likelihood is that of the later samples.
     FirstSample,
     /// The state is `initial_state` of each trial, and the belief is the same.
     Given,
@@ -160,8 +160,9 @@ pub struct LqgFitSpec {
     /// The covariance of what recorded the control, m×m, in squares of its unit. Default: zero, recorded exactly.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub control_variance: Option<Vec<Vec<f64>>>,
-    /// The covariance of an instrument that recorded the outputs apart from the senses, p×p (or r×r of `c_recorded`), in
-    /// squares of their units; zero where it is exact. Default: none; the outputs are what the person sensed, its noise included.
+    /// The covariance of an instrument that recorded the outputs apart from the senses, p×p (or r×r of `c_recorded`),
+    /// in squares of their units; zero where it is exact. Default: none; the outputs are what the person sensed, its
+    /// noise included.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instrument_variance: Option<Vec<Vec<f64>>>,
     /// How much later what is sensed reaches the person, in seconds: a whole number of samples. Default: 0.

@@ -317,7 +317,9 @@ fn reaches_have_costs_with_intervals() {
     }, "spec": {
         "initial_state": "given", "instrument_variance": [[1e-6]],
         "horizon": {
-            "terminal_weight": [{"name": "position", "diagonal": [1, 0], "held": 1}, {"name": "velocity", "diagonal": [0, 1]}],
+            "terminal_weight": [
+                {"name": "position", "diagonal": [1, 0], "held": 1}, {"name": "velocity", "diagonal": [0, 1]}
+            ],
             "initial_covariance": []
         },
         "state_weight": [], "control_weight": [{"name": "effort", "diagonal": [1]}],

@@ -65,8 +65,8 @@ impl Moments {
 }
 
 impl<'a> Course<'a> {
-    /// The predictor of trials up to so many samples, of which `trial` is one; `None` where a covariance is not positive
-    /// definite.
+    /// The predictor of trials up to so many samples, of which `trial` is one; `None` where a covariance is not
+    /// positive definite.
     ///
     /// # Errors
     /// [`Stopped`] when `ctl` says so.

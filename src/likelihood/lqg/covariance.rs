@@ -13,7 +13,7 @@
 //! ∂P⁺ = Ā∂PĀᵀ + U(ĀP)ᵀ + (ĀP)Uᵀ + ∂Q − ∂X Gᵀ − G∂Xᵀ + G∂N Gᵀ
 //! ```
 
-use super::design::{Design, Start};
+use super::design::{Design, Start, Timing};
 use super::jet::Jet;
 use super::joint::Joint;
 use super::kernel::{add_product, add_transposed, dot, invert, symmetrise};
@@ -92,7 +92,7 @@ impl Design {
     /// Whether the first control tells nothing: recorded exactly, of a belief that is known.
     pub(super) fn is_control_silent(&self) -> bool {
         let is_exact = self.recorded.control.as_ref().is_some_and(|noise| noise.amax() == 0.0);
-        is_exact && !self.recorded.is_applied && self.timing == super::Timing::Predictor && self.start == Start::Rest
+        is_exact && !self.recorded.is_applied && self.timing == Timing::Predictor && self.start == Start::Rest
     }
 
     /// Whether the first outputs tell nothing: recorded exactly, of a state that is known.
@@ -150,7 +150,8 @@ pub(super) fn stands_still(step: &Step, before: &Step, width: usize) -> bool {
             .all(|(to, from)| is_same(to, from))
 }
 
-/// P at the first sample, with its derivatives: zero but for noise on its way, or that of the loop's steady state, `P = FPFᵀ + Q`.
+/// P at the first sample, with its derivatives: zero but for noise on its way, or that of the loop's steady state, `P =
+/// FPFᵀ + Q`.
 pub(super) fn first(start: Start, joint: &Joint) -> Option<State> {
     let (width, count) = (joint.f.shape().0, joint.f.count());
     if start == Start::Rest {

@@ -2,8 +2,8 @@
 //!
 //! What is sensed goes through a line of as many samples as the delay has, `z¹⁺ = Cx + Dd + v`, `zʲ⁺ = zʲ⁻¹`, and the
 //! person senses its end. The line is part of the plant's state and of the person's: the person's filter estimates what
-//! is on its way, and its gain for the state is `AᵈL` of the undelayed filter. Costs are of the plant's own states, so K
-//! has zeros on the line.
+//! is on its way, and its gain for the state is `AᵈL` of the undelayed filter. Costs are of the plant's own states, so
+//! K has zeros on the line.
 
 use super::design::{Design, Plant, Role};
 use nalgebra::DMatrix;

@@ -210,8 +210,8 @@ fn are_near(now: &[Jet], before: &[Jet]) -> bool {
 }
 
 impl Design {
-    /// K and L of every sample at θ, up to the end of the horizon, or the one pair of all samples where there is no end;
-    /// `None` where there are none. `belief` is where the person's belief starts, zero where nothing is said.
+    /// K and L of every sample at θ, up to the end of the horizon, or the one pair of all samples where there is no
+    /// end; `None` where there are none. `belief` is where the person's belief starts, zero where nothing is said.
     #[must_use]
     pub fn gains_by_sample(&self, theta: &[f64], belief: Option<&DVector<f64>>) -> Option<Vec<[DMatrix<f64>; 2]>> {
         let gains = self.gains(theta, false, belief)?;

@@ -2,8 +2,8 @@
 //! 4.4.2 and 6.3).
 //!
 //! The plant `x⁺ = Ax + B(u + m) + Ed + w`, `y = Cx + Dd + v` is controlled by `u = −Kx̂` of a filter that the person
-//! made for noises W_p and V_p of their own belief, perhaps for a plant of their own belief, while the true noises are W,
-//! V and M. K and L are no parameters but functions of the costs and of the perceived noises,
+//! made for noises W_p and V_p of their own belief, perhaps for a plant of their own belief, while the true noises are
+//! W, V and M. K and L are no parameters but functions of the costs and of the perceived noises,
 //!
 //! ```text
 //! K = (R + BᵀPB)⁻¹BᵀPA,  P = AᵀPA − AᵀPBK + Q(θ);    L = A S Cᵀ(CSCᵀ + V_p)⁻¹,  S = ASAᵀ − LCSAᵀ + W_p(θ)
@@ -13,9 +13,9 @@
 //! states ([`delay`]). Plant and belief make one linear system with noise ([`joint`]), what was recorded of it are some
 //! of its outputs, and its exact likelihood is that of Kalman's predictor with a cross-covariance ([`covariance`],
 //! [`course`], [`walk`], [`recursion`]). Gradients are exact: forward sensitivities of all of these equations
-//! ([`jet`]). The likelihood is climbed by Fisher's scoring from several starts ([`mod@climb`], [`mod@starts`]); what is
-//! known of the answer is said by profiles of the likelihood ([`mod@inference`]), and which other gains explain the same
-//! records by [`mod@explanations`].
+//! ([`jet`]). The likelihood is climbed by Fisher's scoring from several starts ([`mod@climb`], [`mod@starts`]); what
+//! is known of the answer is said by profiles of the likelihood ([`mod@inference`]), and which other gains explain the
+//! same records by [`mod@explanations`].
 
 pub mod climb;
 mod course;

@@ -2,9 +2,9 @@
 //!
 //! The centre is the user's, where every parameter has a start; otherwise the gains of the free fit of
 //! [`innovation`](crate::likelihood::innovation), where what was recorded allows one, turned into the costs that come
-//! nearest to them, or else the likeliest of many draws around the natural scales of the plant. Where nothing but draws is
-//! known the next likeliest draws that are apart from it are starts too; all others lie around the centre, by at most
-//! [`SPREAD`] in each logarithm.
+//! nearest to them, or else the likeliest of many draws around the natural scales of the plant. Where nothing but draws
+//! is known the next likeliest draws that are apart from it are starts too; all others lie around the centre, by at
+//! most [`SPREAD`] in each logarithm.
 
 use super::climb::{Climbed, climb};
 use super::design::{Design, Plant, Role};

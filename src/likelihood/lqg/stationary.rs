@@ -1,7 +1,7 @@
 //! The gains of a horizon without end, with their derivatives.
 //!
-//! Of the regulator's equation `dP = A_cᵀ dP A_c + dQ + KᵀdR K` with `A_c = A − BK`, and `dK = (R + BᵀPB)⁻¹(Bᵀ dP A_c − dR
-//! K)`; of the filter's, which is dual, `dS = A_f dS A_fᵀ + dW_p + L dV_p Lᵀ` with `A_f = A − LC`.
+//! Of the regulator's equation `dP = A_cᵀ dP A_c + dQ + KᵀdR K` with `A_c = A − BK`, and `dK = (R + BᵀPB)⁻¹(Bᵀ dP A_c −
+//! dR K)`; of the filter's, which is dual, `dS = A_f dS A_fᵀ + dW_p + L dV_p Lᵀ` with `A_f = A − LC`.
 //!
 //! States that no control moves, such as a target that walks at random, need not decay. With A = [A₁ A₁₂; 0 A₂] and B =
 //! [B₁; 0] the cost's corner P₁ is that of (A₁, B₁), and `P₁₂ = A_c₁ᵀ(P₁A₁₂ + P₁₂A₂) + Q₁₂` is all that K needs beside
