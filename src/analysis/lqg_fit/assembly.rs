@@ -10,7 +10,7 @@ use crate::analysis::problem::{Code, Problem};
 use crate::analysis::reading::{wrong_inputs, wrong_spec as wrong};
 use crate::control::Discrete;
 use crate::likelihood::lqg::{
-    Design, FilterStart, Horizon, Plant, Problem as Trials, Record, RecordError, Recorded, Role, Start, Term, Timing,
+    Design, FilterStart, Horizon, Plant, Problem as Trials, Record, RecordError, Recorded, Start, Term, Timing,
 };
 use crate::num::linalg;
 use nalgebra::{DMatrix, DVector};

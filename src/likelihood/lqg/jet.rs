@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 
 /// A matrix, column by column, with its derivatives.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Jet {
+pub(super) struct Jet {
     rows: usize,
     columns: usize,
     /// Parameters.
@@ -105,11 +105,6 @@ impl Jet {
                 }
             }
         }
-        self
-    }
-
-    pub(super) fn scaled(mut self, factor: f64) -> Self {
-        self.value.iter_mut().chain(&mut self.slopes).for_each(|v| *v *= factor);
         self
     }
 

@@ -7,11 +7,6 @@ use std::ops::Range;
 /// The shape of a product: rows of the left, what both share, columns of the right.
 pub(super) type Shape = [usize; 3];
 
-/// `out += sign · A x`, for a vector x.
-pub(super) fn add(out: &mut [f64], a: &[f64], x: &[f64], sign: f64) {
-    add_column(out, a, x, sign, [0, 0, x.len()]);
-}
-
 /// `out[to..] += sign · A x[from..]`, for as many columns of A, whose rows are those of one column of `out`.
 #[inline]
 fn add_column(out: &mut [f64], a: &[f64], x: &[f64], sign: f64, [to, from, columns]: [usize; 3]) {

@@ -10,7 +10,7 @@
 
 use super::course::{self, Course};
 use super::design::{Design, Role};
-use super::walk::{Trial, Walker};
+use super::walk::{Trial, Walker, along, lots};
 use crate::ctl::{Ctl, Stopped};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -260,10 +260,11 @@ impl<'a> Problem<'a> {
         let mut all = Evaluation::zero(if derivatives { theta.len() } else { 0 });
         for group in &self.groups {
             let Some(course) = self.course(group, theta, derivatives, ctl)? else { return Ok(None) };
-            let parts: Result<Vec<_>, Stopped> = match &group.sufficient {
-                Some(trials) => trials.par_iter().map(|trial| Walker::along(trial, &course, ctl, None)).collect(),
-                None => group.trials.par_iter().map(|(_, trial)| Walker::along(trial, &course, ctl, None)).collect(),
+            let lots = match &group.sufficient {
+                Some(trials) => lots(trials.iter()),
+                None => lots(group.trials.iter().map(|(_, trial)| trial)),
             };
+            let parts: Result<Vec<_>, Stopped> = lots.par_iter().map(|lot| along(lot, &course, ctl)).collect();
             // One after the other, whoever was ready first.
             for part in parts? {
                 let Some(part) = part else { return Ok(None) };
@@ -295,7 +296,7 @@ impl<'a> Problem<'a> {
             let Some(course) = self.course(group, theta, false, ctl)? else { return Ok(None) };
             for (place, trial) in &group.trials {
                 let mut errors = DMatrix::zeros(trial.measured.nrows(), trial.measured.ncols());
-                if Walker::along(trial, &course, ctl, Some(&mut errors))?.is_none() {
+                if Walker::<1>::along([trial], &course, ctl, Some(&mut errors))?.is_none() {
                     return Ok(None);
                 }
                 all.push((*place, errors.transpose()));
@@ -316,7 +317,7 @@ impl Evaluation {
         Self { log_likelihood: 0.0, gradient: DVector::zeros(count), information: DMatrix::zeros(count, count) }
     }
 
-    fn add(&mut self, other: &Self) {
+    pub(super) fn add(&mut self, other: &Self) {
         self.log_likelihood += other.log_likelihood;
         self.gradient += &other.gradient;
         self.information += &other.information;

@@ -3,7 +3,6 @@
 use super::course::Course;
 use super::covariance::{Scratch, State, Step, step};
 use super::jet::Jet;
-use super::kernel::{add, dot};
 use super::recursion::Evaluation;
 use crate::ctl::{Ctl, Stopped};
 use nalgebra::DMatrix;
@@ -69,46 +68,122 @@ impl Trial {
     }
 }
 
-/// Where the predictor is.
-pub(super) struct Walker {
-    s: Vec<f64>,
-    s_next: Vec<f64>,
+/// A number of each of some trials.
+type Lanes<const N: usize> = [f64; N];
+
+/// `out += sign · A x`.
+fn add<const N: usize>(out: &mut [Lanes<N>], a: &[f64], x: &[Lanes<N>], sign: f64) {
+    let rows = out.len();
+    for (column, x) in a.chunks_exact(rows).zip(x) {
+        for (out, factor) in out.iter_mut().zip(column) {
+            let factor = sign * factor;
+            for lane in 0..N {
+                out[lane] += factor * x[lane];
+            }
+        }
+    }
+}
+
+/// `Σ_i Σ_lane w_lane x_i y_i`.
+fn dot<const N: usize>(x: &[Lanes<N>], y: &[Lanes<N>], weights: &Lanes<N>) -> f64 {
+    let mut sums = [0.0; N];
+    for (x, y) in x.iter().zip(y) {
+        for lane in 0..N {
+            sums[lane] += x[lane] * y[lane];
+        }
+    }
+    sums.iter().zip(weights).map(|(sum, weight)| sum * weight).sum()
+}
+
+/// Where the predictors of some trials of one length are.
+pub(super) struct Walker<const N: usize> {
+    s: Vec<Lanes<N>>,
+    s_next: Vec<Lanes<N>>,
     /// One after the other, as of all derivatives.
-    ds: Vec<f64>,
-    ds_next: Vec<f64>,
-    e: Vec<f64>,
-    de: Vec<f64>,
-    weighted: Vec<f64>,
-    turned: Vec<f64>,
+    ds: Vec<Lanes<N>>,
+    ds_next: Vec<Lanes<N>>,
+    e: Vec<Lanes<N>>,
+    de: Vec<Lanes<N>>,
+    weighted: Vec<Lanes<N>>,
+    turned: Vec<Lanes<N>>,
+    z: Vec<Lanes<N>>,
+    d: Vec<Lanes<N>>,
+    weights: Lanes<N>,
+    densities: f64,
     result: Evaluation,
 }
 
-impl Walker {
-    /// The likelihood of a trial; the information is that of the prediction errors, and traces are left to
-    /// [`Course::add_traces`] where covariances are those of all trials. `None` where a covariance is not positive
-    /// definite. `errors`, channels × samples, takes the errors in units of their own standard deviations.
+/// Trials that are gone through together.
+const TOGETHER: usize = 4;
+
+/// The likelihood of trials of one course; the information is that of the prediction errors, and traces are left to
+/// [`Course::add_traces`] where covariances are those of all trials. `None` where a covariance is not positive definite.
+///
+/// # Errors
+/// [`Stopped`] when `ctl` says so.
+pub(super) fn along(trials: &[&Trial], course: &Course<'_>, ctl: &Ctl) -> Result<Option<Evaluation>, Stopped> {
+    match trials {
+        [a, b, c, d] if course.step(0).is_some() => Walker::<TOGETHER>::along([a, b, c, d], course, ctl, None),
+        _ => {
+            let mut all = Evaluation::zero(course.count());
+            for trial in trials {
+                let Some(part) = Walker::<1>::along([trial], course, ctl, None)? else { return Ok(None) };
+                all.add(&part);
+            }
+            Ok(Some(all))
+        }
+    }
+}
+
+/// Trials in lots that are gone through together: of one length.
+pub(super) fn lots<'a>(trials: impl Iterator<Item = &'a Trial>) -> Vec<Vec<&'a Trial>> {
+    let mut found: Vec<Vec<&Trial>> = Vec::new();
+    for trial in trials {
+        match found.last_mut() {
+            Some(lot) if lot.len() < TOGETHER && lot[0].measured.ncols() == trial.measured.ncols() => lot.push(trial),
+            _ => found.push(vec![trial]),
+        }
+    }
+    found
+}
+
+impl<const N: usize> Walker<N> {
+    /// The likelihood of these trials, as [`along`]. `errors`, channels × samples, takes the errors of the first one in
+    /// units of their own standard deviations.
     ///
     /// # Errors
     /// [`Stopped`] when `ctl` says so.
     pub(super) fn along(
-        trial: &Trial,
+        trials: [&Trial; N],
         course: &Course<'_>,
         ctl: &Ctl,
         mut errors: Option<&mut DMatrix<f64>>,
     ) -> Result<Option<Evaluation>, Stopped> {
         let (channels, width) = course.joint(0).h.shape();
         let count = course.count();
+        let q = trials[0].disturbance.nrows();
+        let zero = [0.0; N];
+        let gather = |into: &mut [Lanes<N>], of: &dyn Fn(&Trial, usize) -> f64| {
+            for (i, lanes) in into.iter_mut().enumerate() {
+                *lanes = trials.map(|trial| of(trial, i));
+            }
+        };
         let mut walker = Self {
-            s: trial.start.clone(),
-            s_next: vec![0.0; width],
-            ds: vec![0.0; width * count],
-            ds_next: vec![0.0; width],
-            e: vec![0.0; channels],
-            de: vec![0.0; channels * count],
-            weighted: vec![0.0; channels],
-            turned: vec![0.0; channels],
+            s: vec![zero; width],
+            s_next: vec![zero; width],
+            ds: vec![zero; width * count],
+            ds_next: vec![zero; width],
+            e: vec![zero; channels],
+            de: vec![zero; channels * count],
+            weighted: vec![zero; channels],
+            turned: vec![zero; channels],
+            z: vec![zero; channels],
+            d: vec![zero; q],
+            weights: trials.map(|trial| trial.weight),
+            densities: trials.iter().map(|trial| trial.densities).sum(),
             result: Evaluation::zero(count),
         };
+        gather(&mut walker.s, &|trial, i| trial.start[i]);
         // The covariance of this trial alone, where it has one.
         let mut own: Option<(State, Scratch)> = if course.step(0).is_none() {
             let Some(state) = course.first() else { return Ok(None) };
@@ -118,29 +193,31 @@ impl Walker {
             None
         };
         let between = if own.is_some() { STEPS_BETWEEN_CHECKS } else { SAMPLES_BETWEEN_CHECKS };
-        let q = trial.disturbance.nrows();
-        let samples = trial.measured.as_slice().chunks_exact(channels);
-        for (k, (z, d)) in samples.zip(trial.disturbance.as_slice().chunks_exact(q)).enumerate() {
+        for k in 0..trials[0].measured.ncols() {
             if k % between == 0 {
                 ctl.check()?;
             }
-            walker.miss(course, k, z, d);
+            gather(&mut walker.z, &|trial, i| trial.measured[(i, k)]);
+            gather(&mut walker.d, &|trial, i| trial.disturbance[(i, k)]);
+            walker.miss(course, k);
             match &mut own {
                 None => {
                     let Some(step) = course.step(k) else { return Ok(None) };
-                    walker.take(course, k, step, d, trial);
                     note(&mut errors, k, &walker.e, step);
+                    walker.take(course, k, step);
                 }
                 Some((state, scratch)) => {
-                    let (s, e) = (Jet::column(&walker.s, &walker.ds), Jet::column(&walker.e, &walker.de));
+                    let first = |lanes: &[Lanes<N>]| lanes.iter().map(|lane| lane[0]).collect::<Vec<f64>>();
+                    let s = Jet::column(&first(&walker.s), &first(&walker.ds));
+                    let e = Jet::column(&first(&walker.e), &first(&walker.de));
                     let Some(grown) = course.grown_by_data(k, state, [&s, &e]) else { return Ok(None) };
                     let Some(step) = step(course.joint(k), &grown, state, course.told(k), scratch) else {
                         return Ok(None);
                     };
                     std::mem::swap(state, &mut scratch.next);
-                    step.add_traces(trial.densities, &mut walker.result);
-                    walker.take(course, k, &step, d, trial);
+                    step.add_traces(walker.densities, &mut walker.result);
                     note(&mut errors, k, &walker.e, &step);
+                    walker.take(course, k, &step);
                 }
             }
         }
@@ -154,76 +231,77 @@ impl Walker {
     }
 
     /// The error of a sample, with its derivatives.
-    fn miss(&mut self, course: &Course<'_>, k: usize, z: &[f64], d: &[f64]) {
+    fn miss(&mut self, course: &Course<'_>, k: usize) {
         let joint = course.joint(k);
         let channels = self.e.len();
         let width = self.s.len();
-        self.e.copy_from_slice(z);
+        self.e.copy_from_slice(&self.z);
         add(&mut self.e, joint.h.value(), &self.s, -1.0);
-        add(&mut self.e, joint.through.value(), d, -1.0);
+        add(&mut self.e, joint.through.value(), &self.d, -1.0);
         for i in 0..course.count() {
             let de = &mut self.de[i * channels..(i + 1) * channels];
-            de.fill(0.0);
+            de.fill([0.0; N]);
             add(de, joint.h.value(), &self.ds[i * width..(i + 1) * width], -1.0);
             if let Some(dh) = joint.h.slope(i) {
                 add(de, dh, &self.s, -1.0);
             }
             if let Some(through) = joint.through.slope(i) {
-                add(de, through, d, -1.0);
+                add(de, through, &self.d, -1.0);
             }
         }
     }
 
     /// Takes a sample in, and goes on to the next.
-    fn take(&mut self, course: &Course<'_>, k: usize, step: &Step, d: &[f64], trial: &Trial) {
+    fn take(&mut self, course: &Course<'_>, k: usize, step: &Step) {
         let joint = course.joint(k);
         let (channels, width, count) = (self.e.len(), self.s.len(), course.count());
         let constant = (2.0 * std::f64::consts::PI).ln();
-        self.weighted.fill(0.0);
+        let none = [0.0; N];
+        self.weighted.fill(none);
         add(&mut self.weighted, &step.inverse, &self.e, 1.0);
-        let densities = trial.densities * (step.log_det + step.told as f64 * constant);
-        self.result.log_likelihood -= 0.5 * (densities + trial.weight * dot(&self.e, &self.weighted));
+        let densities = self.densities * (step.log_det + step.told as f64 * constant);
+        self.result.log_likelihood -= 0.5 * (densities + dot(&self.e, &self.weighted, &self.weights));
         let (gain, sigma) = (width * channels, channels * channels);
         for i in 0..count {
             let de = &self.de[i * channels..(i + 1) * channels];
             let ds = &mut self.ds[i * width..(i + 1) * width];
-            self.ds_next.fill(0.0);
+            self.ds_next.fill(none);
             add(&mut self.ds_next, joint.f.value(), ds, 1.0);
             if let Some(df) = joint.f.slope(i) {
                 add(&mut self.ds_next, df, &self.s, 1.0);
             }
             if let Some(drive) = joint.drive.slope(i) {
-                add(&mut self.ds_next, drive, d, 1.0);
+                add(&mut self.ds_next, drive, &self.d, 1.0);
             }
             add(&mut self.ds_next, &step.gain_slopes[i * gain..(i + 1) * gain], &self.e, 1.0);
             add(&mut self.ds_next, &step.gain, de, 1.0);
             ds.copy_from_slice(&self.ds_next);
-            self.turned.fill(0.0);
+            self.turned.fill(none);
             add(&mut self.turned, &step.sigma_slopes[i * sigma..(i + 1) * sigma], &self.weighted, 1.0);
-            let moved = 0.5 * dot(&self.weighted, &self.turned) - dot(de, &self.weighted);
-            self.result.gradient[i] += trial.weight * moved;
+            let moved = 0.5 * dot(&self.weighted, &self.turned, &self.weights);
+            self.result.gradient[i] += moved - dot(de, &self.weighted, &self.weights);
         }
         for i in 0..count {
-            self.turned.fill(0.0);
+            self.turned.fill(none);
             add(&mut self.turned, &step.inverse, &self.de[i * channels..(i + 1) * channels], 1.0);
             for j in 0..=i {
-                let shared = dot(&self.turned, &self.de[j * channels..(j + 1) * channels]);
-                self.result.information[(i, j)] += trial.weight * shared;
+                self.result.information[(i, j)] +=
+                    dot(&self.turned, &self.de[j * channels..(j + 1) * channels], &self.weights);
             }
         }
-        self.s_next.fill(0.0);
+        self.s_next.fill(none);
         add(&mut self.s_next, joint.f.value(), &self.s, 1.0);
-        add(&mut self.s_next, joint.drive.value(), d, 1.0);
+        add(&mut self.s_next, joint.drive.value(), &self.d, 1.0);
         add(&mut self.s_next, &step.gain, &self.e, 1.0);
         std::mem::swap(&mut self.s, &mut self.s_next);
     }
 }
 
 /// Writes an error down in units of its deviation; zero of a channel that tells nothing.
-fn note(errors: &mut Option<&mut DMatrix<f64>>, k: usize, e: &[f64], step: &Step) {
+fn note<const N: usize>(errors: &mut Option<&mut DMatrix<f64>>, k: usize, e: &[Lanes<N>], step: &Step) {
     if let Some(errors) = errors {
         for ((entry, value), deviation) in errors.column_mut(k).iter_mut().zip(e).zip(&step.deviations) {
-            *entry = if *deviation > 0.0 { value / deviation } else { 0.0 };
+            *entry = if *deviation > 0.0 { value[0] / deviation } else { 0.0 };
         }
     }
 }
