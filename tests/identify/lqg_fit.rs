@@ -25,7 +25,8 @@ fn reference_design(golden: &Value, case: &Value) -> Design {
     let one = |i: usize| diagonal(&[f64::from(u8::from(i == 0)), f64::from(u8::from(i == 1))]);
     let scalar = |name: &str| matrix(1, 1, &[golden[name].as_f64().unwrap()]);
     Design {
-        plant: Plant { a: m("A", 2, 2), b: m("B", 2, 1), c: m("C", 1, 2), e: m("E", 2, 1) },
+        plant: Plant { a: m("A", 2, 2), b: m("B", 2, 1), c: m("C", 1, 2), e: m("E", 2, 1), d: matrix(1, 1, &[0.0]) },
+        internal: None,
         terms: vec![
             term("q1", Role::StateWeight, one(0)),
             term("q2", Role::StateWeight, one(1)),
@@ -40,11 +41,14 @@ fn reference_design(golden: &Value, case: &Value) -> Design {
         is_told: case["told"] == 1,
         timing: Timing::Predictor,
         recorded: Recorded {
+            rows: None,
             instrument: (case["recorded_y"] == "apart").then(|| scalar("recorder_y_variance")),
             control: (case["recorded_u"] == true).then(|| scalar("recorder_u_variance")),
             is_applied: false,
         },
         start: Start::Rest,
+        horizon: None,
+        on_the_way: None,
     }
 }
 
@@ -59,6 +63,7 @@ fn the_likelihood_is_that_of_the_reference() {
         let record = Record {
             measured: matrix(d.len(), design.channels(), &numbers(&case["z"])),
             disturbance: matrix(d.len(), 1, &d),
+            initial: None,
         };
         let problem = Problem::new(&design, &[record]).unwrap();
         for point in case["points"].as_array().unwrap() {
@@ -89,7 +94,11 @@ fn random_design(stream: &mut Stream, round: usize) -> Design {
     let n = stream.random_range(1..=3usize);
     let (m, p, q) = (stream.random_range(1..=n.min(2)), stream.random_range(1..=n.min(2)), 1);
     let mut draw = |rows, columns| DMatrix::from_fn(rows, columns, |_, _| stream.random_range(-1.0..1.0));
-    let plant = Plant { a: draw(n, n), b: draw(n, m), c: draw(p, n), e: draw(n, q) };
+    let mut plant = Plant { a: draw(n, n), b: draw(n, m), c: draw(p, n), e: draw(n, q), d: DMatrix::zeros(p, q) };
+    // What the experimenter does is seen at once by some.
+    if round % 6 > 2 {
+        plant.d = draw(p, q);
+    }
     let mut shape = |order: usize| {
         let root = draw(order, order);
         &root * root.transpose() + DMatrix::identity(order, order) * 0.2
@@ -113,8 +122,11 @@ fn random_design(stream: &mut Stream, round: usize) -> Design {
         perceived_measurement_noise,
         is_told: round % 5 < 2,
         timing: if round % 4 < 2 { Timing::Predictor } else { Timing::Filter },
-        recorded: Recorded { instrument, control, is_applied: round % 3 == 2 },
+        internal: None,
+        recorded: Recorded { rows: None, instrument, control, is_applied: round % 3 == 2 },
         start: if round % 7 < 4 { Start::Rest } else { Start::Settled },
+        horizon: None,
+        on_the_way: None,
     }
 }
 

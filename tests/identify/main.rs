@@ -17,6 +17,7 @@ mod cases;
 mod gain_fit;
 mod gain_fit_filter;
 mod lqg_fit;
+mod lqg_fit_models;
 mod prediction_error;
 mod response;
 mod response_doubts;

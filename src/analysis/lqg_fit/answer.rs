@@ -41,6 +41,11 @@ fn role(role: Role) -> LqgFitRole {
         Role::ProcessNoise => LqgFitRole::ProcessNoise,
         Role::MeasurementNoise => LqgFitRole::MeasurementNoise,
         Role::MotorNoise => LqgFitRole::MotorNoise,
+        Role::TerminalWeight => LqgFitRole::TerminalWeight,
+        Role::ControlWeight => LqgFitRole::ControlWeight,
+        Role::PerceivedMeasurementNoise => LqgFitRole::PerceivedMeasurementNoise,
+        Role::InitialCovariance => LqgFitRole::InitialCovariance,
+        Role::ControlDependentNoise => LqgFitRole::ControlDependentNoise,
     }
 }
 
@@ -73,8 +78,9 @@ impl Found<'_> {
             parameters,
             explanations: self.explanations.iter().map(|e| self.explanation(e)).collect(),
             twins_outside: (!told && self.hills.missing.is_none()).then_some(self.hills.outside),
-            control_weight: rows(&design.control_weight),
-            perceived_measurement_noise: rows(&design.perceived_measurement_noise),
+            control_weight: (!design.has(Role::ControlWeight)).then(|| rows(&design.control_weight)),
+            perceived_measurement_noise: (!design.has(Role::PerceivedMeasurementNoise))
+                .then(|| rows(&design.perceived_measurement_noise)),
             log_likelihood: top,
             control: assembled.control,
             samples: assembled.records.iter().map(|r| r.measured.nrows()).sum(),
@@ -110,21 +116,13 @@ impl Found<'_> {
         let Self { assembled, .. } = *self;
         let design = &assembled.design;
         let mut coefficients = BTreeMap::new();
-        let mut free = 0;
         let mut refused = Vec::new();
-        for term in &design.terms {
-            let value = match term.held {
-                Some(held) => Some(held),
-                None => {
-                    free += 1;
-                    let known = self.refusal(free - 1).is_none();
-                    if !known {
-                        refused.push(term.role);
-                    }
-                    known.then(|| explanation.theta[free - 1].exp())
-                }
-            };
-            coefficients.insert(term.name.clone(), value);
+        for (at, term) in design.terms.iter().enumerate() {
+            let known = design.parameter(at).is_none_or(|i| self.refusal(i).is_none());
+            if !known {
+                refused.push(term.role);
+            }
+            coefficients.insert(term.name.clone(), known.then(|| design.coefficient(at, &explanation.theta)));
         }
         let member = &explanation.member;
         let [of_k, of_l] = explanation.gain_errors();
@@ -132,21 +130,28 @@ impl Found<'_> {
             |value: &DMatrix<f64>, error: &DMatrix<f64>| error.norm() <= inference::LARGEST_ERROR * value.norm();
         let knows = |role: Role| !refused.contains(&role);
         let k = is_known(&member.k, &of_k);
+        // Without the line that what is sensed goes through.
+        let own = assembled.states;
+        let square = |m: &DMatrix<f64>| rows(&m.view((0, 0), (own, own)).into_owned());
+        let left = |m: &DMatrix<f64>| rows(&m.columns(0, own).into_owned());
+        let upper = |m: &DMatrix<f64>| rows(&m.rows(0, own).into_owned());
+        let internal = design.internal();
         let poles = || {
-            let closed = &design.plant.a - &design.plant.b * &member.k;
+            let closed = &internal.a - &internal.b * &member.k;
+            let closed = closed.view((0, 0), (own, own)).into_owned();
             let poles = linalg::eigenvalues(&closed).ok()?;
             Some(poles.iter().map(|pole| [pole.re, pole.im]).collect())
         };
         LqgFitExplanation {
             log_likelihood: explanation.log_likelihood,
             coefficients,
-            q: knows(Role::StateWeight).then(|| rows(&member.q)),
-            perceived_process_noise: knows(Role::PerceivedProcessNoise).then(|| rows(&member.perceived)),
-            k: k.then(|| rows(&member.k)),
-            k_standard_error: rows(&of_k),
-            l: is_known(&member.l, &of_l).then(|| rows(&member.l)),
-            l_standard_error: rows(&of_l),
-            regulator_poles: if k { poles() } else { None },
+            q: knows(Role::StateWeight).then(|| square(&member.q)),
+            perceived_process_noise: knows(Role::PerceivedProcessNoise).then(|| square(&member.perceived)),
+            k: k.then(|| left(&member.k)),
+            k_standard_error: left(&of_k),
+            l: is_known(&member.l, &of_l).then(|| upper(&member.l)),
+            l_standard_error: upper(&of_l),
+            regulator_poles: if k && design.horizon.is_none() { poles() } else { None },
         }
     }
 
@@ -216,7 +221,7 @@ impl Found<'_> {
 
     fn signals(&self) -> Vec<LqgFitSignal> {
         let recorded = &self.assembled.design.recorded;
-        let [_, _, outputs, _] = self.assembled.design.sizes();
+        let outputs = self.assembled.design.outputs();
         let targets: Vec<&DMatrix<f64>> = self.errors.iter().collect();
         let is_exact = |channel: usize| {
             let noise = recorded.control.as_ref().filter(|_| channel >= outputs && !recorded.is_applied);

@@ -2,7 +2,7 @@
 
 use super::result::{LqgFitParameter, LqgFitRefusal, LqgFitResult};
 use crate::analysis::report::Warning;
-use crate::control::twins::TwinsError;
+use crate::likelihood::lqg::NoTwins;
 
 /// Whiteness is doubted below this probability.
 const DOUBTFUL: f64 = 1e-3;
@@ -12,7 +12,7 @@ fn refused<'a>(result: &'a LqgFitResult, why: &'a [LqgFitRefusal]) -> impl Itera
 }
 
 /// What must be read before using the result.
-pub(super) fn warnings(result: &LqgFitResult, no_twins: Option<&TwinsError>) -> Vec<Warning> {
+pub(super) fn warnings(result: &LqgFitResult, no_twins: Option<&NoTwins>) -> Vec<Warning> {
     let mut warnings = Vec::new();
     let mut warn = |code: &str, message: String| warnings.push(Warning::new(code, message));
     let convergence = &result.convergence;

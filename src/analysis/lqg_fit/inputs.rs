@@ -19,6 +19,11 @@ use std::collections::BTreeMap;
 pub struct LqgFitInputs {
     /// The plant, also of stored trials: which states a cost is about only its writer knows.
     pub plant: LqgFitPlant,
+    /// What the person takes the plant for, where that is something else: of as many controls, disturbances and sensed
+    /// outputs. Its first states are those of the plant. Costs and perceived noises are of its states. Default: the
+    /// plant.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub internal_model: Option<LqgFitPlant>,
     /// One trial; either this or `trials`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trial: Option<LqgFitTrialInput>,
@@ -27,7 +32,7 @@ pub struct LqgFitInputs {
     pub trials: Option<Vec<LqgFitTrialInput>>,
 }
 
-/// The plant, `x⁺ = Ax + B(u + m) + Ed + w`, `y = Cx + v`; in continuous time u and d are held between samples.
+/// The plant, `x⁺ = Ax + B(u + m) + Ed + w`, `y = Cx + Dd + v`; in continuous time u and d are held between samples.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LqgFitPlant {
@@ -41,6 +46,14 @@ pub struct LqgFitPlant {
     /// E, n×q: in the unit of `x⁺` per unit of the disturbance. Default: B, a disturbance that is added to the control.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub e: Option<Vec<Vec<f64>>>,
+    /// D, p×q: in the unit of the output per unit of the disturbance; what the person sees of it at once. Default:
+    /// zero.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub d: Option<Vec<Vec<f64>>>,
+    /// C_r, r×n, where an instrument (`instrument_variance`) recorded other outputs than those that are sensed: in the
+    /// unit of the recorded output per unit of the state. Default: C, with D.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub c_recorded: Option<Vec<Vec<f64>>>,
     /// Sample time in seconds; null in continuous time.
     #[serde(default)]
     pub sample_time_s: Option<f64>,
@@ -74,6 +87,9 @@ pub struct LqgFitTrial {
     /// not recorded.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub control: Option<SampledSignal>,
+    /// The n states at the first sample, in their units, where `initial_state` is `given`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub initial_state: Option<Vec<f64>>,
 }
 
 impl LqgFitInputs {
@@ -102,13 +118,16 @@ impl LqgFitInputs {
 impl Part for LqgFitInputs {
     fn read(value: &Value, at: &str) -> Result<Self, Problem> {
         let members = reading::object(value, "the value of inputs", at)?;
-        only(members, &["plant", "trial", "trials"], at)?;
+        only(members, &["plant", "internal_model", "trial", "trials"], at)?;
         let present = |name: &str| members.get(name).filter(|v| !v.is_null());
         let plant = present("plant").ok_or_else(|| {
             wrong("there is no plant", "/inputs/plant")
                 .mend("Give the plant that the person controlled, in the states that the costs are about: a, b, c, e.")
         })?;
         let plant = reading::read(plant, "/inputs/plant", "unusable inputs")?;
+        let internal_model = present("internal_model")
+            .map(|model| reading::read(model, "/inputs/internal_model", "unusable inputs"))
+            .transpose()?;
         let (list, many) = recorded::listed(members, "sample_time_s, output and control", at)?;
         let mut trials: Vec<LqgFitTrialInput> = Vec::with_capacity(list.len());
         for (i, value) in list.iter().enumerate() {
@@ -120,7 +139,7 @@ impl Part for LqgFitInputs {
             recorded::add(&mut trials, trial, &at)?;
         }
         let (trial, trials) = if many { (None, Some(trials)) } else { (trials.pop(), None) };
-        Ok(Self { plant, trial, trials })
+        Ok(Self { plant, internal_model, trial, trials })
     }
 }
 
@@ -144,7 +163,7 @@ impl Inputs for LqgFitInputs {
 impl LqgFitTrial {
     fn read(value: &Value, at: &str) -> Result<Self, Problem> {
         let members = reading::object(value, "a trial that is no id", at)?;
-        only(members, &["sample_time_s", "disturbance", "output", "control"], at)?;
+        only(members, &["sample_time_s", "disturbance", "output", "control", "initial_state"], at)?;
         let present = |name: &str| members.get(name).filter(|v| !v.is_null());
         let signal = |value: &Value, name: &str| SampledSignal::read(value, name, &format!("{at}/{name}"));
         Ok(Self {
@@ -152,6 +171,9 @@ impl LqgFitTrial {
             disturbance: present("disturbance").map(|value| signal(value, "disturbance")).transpose()?,
             output: signal(needed(members, "output", at)?, "output")?,
             control: present("control").map(|value| signal(value, "control")).transpose()?,
+            initial_state: present("initial_state")
+                .map(|value| reading::read(value, &format!("{at}/initial_state"), "unusable inputs"))
+                .transpose()?,
         })
     }
 }

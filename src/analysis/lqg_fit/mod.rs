@@ -13,9 +13,12 @@ mod answer;
 mod assembly;
 mod findings;
 mod inputs;
+mod refused;
 mod result;
 mod signals;
 mod spec;
+mod target;
+mod terms;
 #[cfg(test)]
 mod tests;
 
@@ -32,7 +35,10 @@ pub use result::{
     LqgFitCombination, LqgFitConvergence, LqgFitExplanation, LqgFitParameter, LqgFitRefusal, LqgFitResult, LqgFitRole,
     LqgFitSignal,
 };
-pub use spec::{LqgFitBelief, LqgFitControl, LqgFitDisturbance, LqgFitInitialState, LqgFitSpec, LqgFitTerm};
+pub use spec::{
+    LqgFitBelief, LqgFitControl, LqgFitControlDependentNoise, LqgFitDisturbance, LqgFitFirstGain, LqgFitHorizon,
+    LqgFitInitialState, LqgFitScale, LqgFitSpec, LqgFitTarget, LqgFitTerm,
+};
 
 /// A checked request.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,7 +69,7 @@ impl Analysis for Plan {
         let signals = signals::of_request(&inputs)?;
         let place = |i: usize| inputs.place(i);
         let assembled =
-            signals.map(|signals| Assembled::new(&inputs.plant, &spec, &signals, &place).map(Box::new)).transpose()?;
+            signals.map(|signals| Assembled::new(&inputs, &spec, &signals, &place).map(Box::new)).transpose()?;
         Ok(Self { inputs: Box::new(inputs), spec: Box::new(spec), assembled })
     }
 
@@ -87,7 +93,7 @@ impl Analysis for Plan {
             None => {
                 let signals = signals::of_library(&self.inputs, library)?;
                 let place = |i: usize| self.inputs.place(i);
-                Some(Assembled::new(&self.inputs.plant, spec, &signals, &place)?)
+                Some(Assembled::new(&self.inputs, spec, &signals, &place)?)
             }
         };
         let assembled = match (&self.assembled, &fetched) {

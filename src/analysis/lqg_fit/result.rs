@@ -11,14 +11,24 @@ use std::collections::BTreeMap;
 pub enum LqgFitRole {
     /// Q.
     StateWeight,
+    /// Q_N, of the end of a horizon.
+    TerminalWeight,
+    /// R.
+    ControlWeight,
     /// W_p.
     PerceivedProcessNoise,
+    /// V_p.
+    PerceivedMeasurementNoise,
+    /// The person's covariance of the first state.
+    InitialCovariance,
     /// W.
     ProcessNoise,
     /// V.
     MeasurementNoise,
     /// M.
     MotorNoise,
+    /// c, of noise that grows with the control.
+    ControlDependentNoise,
 }
 
 /// Why no number is given.
@@ -83,16 +93,17 @@ pub struct LqgFitExplanation {
     pub q: Option<Vec<Vec<f64>>>,
     /// W_p, n×n, on the scale of V_p, in products of the units of two states; null where a coefficient of it is.
     pub perceived_process_noise: Option<Vec<Vec<f64>>>,
-    /// K, m×n, in the unit of the control per unit of the state; null where its standard errors are above 0.7 of it.
+    /// K, m×n, in the unit of the control per unit of the state, of the first sample where the horizon ends; null where
+    /// its standard errors are above 0.7 of it.
     pub k: Option<Vec<Vec<f64>>>,
     /// Standard errors of its entries to first order, in their units.
     pub k_standard_error: Vec<Vec<f64>>,
-    /// L, n×p, of the predictor or of the filter by the spec's belief, in the unit of the state per unit of the output;
-    /// null where its standard errors are above 0.7 of it.
+    /// L, n×p, of the predictor or of the filter by the spec's belief, in the unit of the state per unit of the output,
+    /// of the first sample where the horizon ends; null where its standard errors are above 0.7 of it.
     pub l: Option<Vec<Vec<f64>>>,
     /// Standard errors of its entries to first order, in their units.
     pub l_standard_error: Vec<Vec<f64>>,
-    /// Eigenvalues of A − BK in sampled time, as `[re, im]`; null where K is.
+    /// Eigenvalues of A − BK in sampled time, as `[re, im]`; null where K is, or the horizon ends.
     pub regulator_poles: Option<Vec<[f64; 2]>>,
 }
 
@@ -131,7 +142,7 @@ pub struct LqgFitSignal {
 /// The result of `lqg_fit`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LqgFitResult {
-    /// The parameters: the coefficients of Q, W_p, W, V and M that are not held.
+    /// The parameters: the coefficients of terms that are neither held nor those of another term.
     pub parameters: Vec<LqgFitParameter>,
     /// Combinations of refused parameters that are known: ratios within a matrix, and the best determined products of
     /// powers.
@@ -142,10 +153,10 @@ pub struct LqgFitResult {
     /// Pairs of K and L that make the same controller and are optimal for nothing that the spec allows, not even
     /// nearly; null where the person knows the disturbance, so that there are none, or where they were not looked for.
     pub twins_outside: Option<usize>,
-    /// R, m×m, the scale of Q, in the unit of the cost over those of two controls.
-    pub control_weight: Vec<Vec<f64>>,
-    /// V_p, p×p, the scale of W_p, in products of the units of two outputs.
-    pub perceived_measurement_noise: Vec<Vec<f64>>,
+    /// R, m×m, the scale of Q, in the unit of the cost over those of two controls; null where it has terms.
+    pub control_weight: Option<Vec<Vec<f64>>>,
+    /// V_p, p×p, the scale of W_p, in products of the units of two outputs; null where it has terms.
+    pub perceived_measurement_noise: Option<Vec<Vec<f64>>>,
     /// The natural logarithm of the likelihood's density at the answer, for signals in their units.
     pub log_likelihood: f64,
     /// What the recorded control was taken for.

@@ -25,12 +25,15 @@ pub(super) struct Signals {
     pub disturbance: Option<DMatrix<f64>>,
     pub output: DMatrix<f64>,
     pub control: Option<DMatrix<f64>>,
+    pub initial_state: Option<Vec<f64>>,
 }
 
 /// The plant in the samples of the trials.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sampled {
     pub plant: Plant,
+    /// Rows of the states that were recorded, where those are others than the sensed ones.
+    pub recorded: Option<DMatrix<f64>>,
     pub time: Discrete,
     /// The covariance over a sample of white noise of intensity one in all controls, n×n; in sampled time `BBᵀ`.
     pub control_borne: DMatrix<f64>,
@@ -61,12 +64,12 @@ fn inputs_wrong(detail: String, at: String) -> Problem {
 }
 
 impl Sampled {
-    /// The plant in the samples of this period.
+    /// The plant of this member of the inputs in the samples of this period.
     ///
     /// # Errors
     /// A [`Problem`] with the pointer of the matrix that is wrong.
-    pub(super) fn new(written: &LqgFitPlant, period: f64, at_period: &str) -> Result<Self, Problem> {
-        let at = |name: &str| format!("/inputs/plant/{name}");
+    pub(super) fn new(written: &LqgFitPlant, member: &str, period: f64, at_period: &str) -> Result<Self, Problem> {
+        let at = |name: &str| format!("/inputs/{member}/{name}");
         let width = |rows: &[Vec<f64>]| rows.first().map_or(0, Vec::len);
         let n = written.a.len();
         if n == 0 || n > MAX_STATES {
@@ -89,6 +92,13 @@ impl Sampled {
         let c = written.c.as_deref().map(|rows| read(rows, "C", (p, n))).transpose()?;
         let e = written.e.as_deref().map(|rows| read(rows, "E", (n, q))).transpose()?;
         let c = c.unwrap_or_else(|| DMatrix::identity(n, n));
+        let d = written.d.as_deref().map(|rows| read(rows, "D", (p, q))).transpose()?;
+        let d = d.unwrap_or_else(|| DMatrix::zeros(p, q));
+        let recorded = written
+            .c_recorded
+            .as_deref()
+            .map(|rows| sized(rows, "C_r", (rows.len().max(1), n), &at("c_recorded"), inputs_wrong))
+            .transpose()?;
         let e = e.unwrap_or_else(|| b.clone());
         let time = Discrete::new(period).map_err(|error| wrong(error.to_string(), at_period))?;
         if let Some(own) = written.sample_time_s {
@@ -98,7 +108,7 @@ impl Sampled {
                 return Err(wrong(detail, at("sample_time_s")));
             }
             let control_borne = &b * b.transpose();
-            return Ok(Self { plant: Plant { a, b, c, e }, time, control_borne });
+            return Ok(Self { plant: Plant { a, b, c, e, d }, recorded, time, control_borne });
         }
         let overflow = |detail: String| wrong(detail, at("a")).mend("Choose a shorter sample time, or other units.");
         let control_borne =
@@ -115,8 +125,9 @@ impl Sampled {
             b: model.b().columns(0, m).into_owned(),
             c,
             e: model.b().columns(m, q).into_owned(),
+            d,
         };
-        Ok(Self { plant, time, control_borne })
+        Ok(Self { plant, recorded, time, control_borne })
     }
 }
 
@@ -127,7 +138,8 @@ impl Signals {
         let disturbance = trial.disturbance.as_ref().map(|d| checked(d, "disturbance")).transpose()?;
         let control = trial.control.as_ref().map(|u| checked(u, "control")).transpose()?;
         recorded::as_long(&output, &[("disturbance", disturbance.as_ref()), ("control", control.as_ref())], at)?;
-        Ok(Self { sample_time_s: trial.sample_time_s, disturbance, output, control })
+        let initial_state = trial.initial_state.clone();
+        Ok(Self { sample_time_s: trial.sample_time_s, disturbance, output, control, initial_state })
     }
 }
 
@@ -161,6 +173,7 @@ pub(super) fn of_library(inputs: &LqgFitInputs, library: &Library) -> Result<Vec
             disturbance: Some(column(recorded.disturbance.as_deref().unwrap_or(&recorded.command))),
             output: column(&recorded.output),
             control: Some(column(&recorded.control)),
+            initial_state: None,
         };
         recorded::add(&mut signals, found, &at)?;
     }

@@ -79,7 +79,22 @@ fn what_is_wrong_is_named() {
         ("/inputs/plant", Value::Null, "/inputs/plant", "there is no plant"),
         ("/inputs/plant/a", json!([[0, 1]]), "/inputs/plant/a", "A is 1x2 and must be 1x1"),
         ("/inputs/plant/b", json!([[0], [1], [2]]), "/inputs/plant/b", "B is 3x1 and must be 2x1"),
-        ("/inputs/plant/d", json!([[1]]), "/inputs/plant/d", "unknown field"),
+        ("/inputs/plant/d", json!([[1, 2]]), "/inputs/plant/d", "D is 1x2 and must be 1x1"),
+        ("/inputs/plant/lag", json!(0.1), "/inputs/plant/lag", "unknown field"),
+        ("/inputs/plant/c_recorded", json!([[1, 0]]), "/spec/instrument_variance", "nothing is said of the instrument"),
+        (
+            "/inputs/internal_model",
+            json!({"a": [[0, 1], [4, 0]], "b": [[0, 0], [1, 1]], "c": [[1, 0]]}),
+            "/inputs/internal_model/b",
+            "2 controls",
+        ),
+        (
+            "/inputs/internal_model",
+            json!({"a": [[4]], "b": [[1]], "c": [[1]]}),
+            "/inputs/internal_model/a",
+            "1 states, and the plant 2",
+        ),
+        ("/inputs/trial/initial_state", json!([0, 0]), "/inputs/trial/initial_state", "does not use it"),
         ("/inputs/plant/sample_time_s", json!(0.1), "/inputs/plant/sample_time_s", "sampled every 0.1 s"),
         ("/inputs/trial/sample_time_s", json!(0), "/inputs/trial/sample_time_s", "positive"),
         ("/inputs/trial/input", json!([1]), "/inputs/trial/input", "there is no \"input\""),
@@ -87,8 +102,39 @@ fn what_is_wrong_is_named() {
         ("/inputs/trial/output", json!([1e40, 2]), "/inputs/trial/output/0", "magnitudes"),
         ("/inputs/trials", json!([]), "/inputs", "both trial and trials"),
         ("/spec/delay", json!({"seconds": 0.1}), "/spec/delay", "unknown field"),
-        ("/spec/target", json!([[1]]), "/spec/target", "unknown field"),
-        ("/spec/horizon", json!(50), "/spec/horizon", "unknown field"),
+        ("/spec/sensory_delay_s", json!(0.05), "/spec/sensory_delay_s", "no whole number"),
+        ("/spec/sensory_delay_s", json!(-0.02), "/spec/sensory_delay_s", "must not be negative"),
+        ("/spec/sensory_delay_s", json!(0.9), "/spec/sensory_delay_s", "states"),
+        ("/spec/target", json!([[1]]), "/spec/target", "target"),
+        ("/spec/target", json!({"state": 7}), "/spec/target/state", "state 7"),
+        ("/spec/target", json!({"state": 1}), "/spec/target/state", "does not move by itself"),
+        ("/spec/initial_state", json!("first_sample"), "/spec/initial_state", "only where outputs are exact"),
+        ("/spec/initial_state", json!("given"), "/inputs/trial/initial_state", "no initial state"),
+        ("/spec/control_weight", json!([{"name": "r", "diagonal": [1]}]), "/spec/control_weight", "no weight is held"),
+        (
+            "/spec/perceived_measurement_noise",
+            json!([{"name": "vp", "diagonal": [1]}]),
+            "/spec/perceived_measurement_noise",
+            "none of them is held",
+        ),
+        (
+            "/spec/perceived_measurement_noise",
+            json!([{"name": "vp", "diagonal": [1], "same_as": "nobody"}]),
+            "/spec/perceived_measurement_noise/0/same_as",
+            "no term",
+        ),
+        (
+            "/spec/perceived_measurement_noise",
+            json!([{"name": "vp", "diagonal": [1], "same_as": "position"}]),
+            "/spec/perceived_measurement_noise/0/same_as",
+            "not of one kind",
+        ),
+        (
+            "/spec/perceived_measurement_noise",
+            json!([{"name": "vp", "diagonal": [1], "same_as": "v1", "held": 1}]),
+            "/spec/perceived_measurement_noise/0/same_as",
+            "one of its own",
+        ),
         ("/spec/starts", json!(4), "/spec/starts", "5 to 100"),
         ("/spec/confidence", json!(1), "/spec/confidence", "between 0 and 1"),
         ("/spec/control_variance", Value::Null, "/spec/control_variance", "both recorded exactly"),
@@ -140,6 +186,156 @@ fn what_is_wrong_is_named() {
         assert_eq!(problem.location.as_deref(), Some(*location), "{at}: {problem}");
         assert!(problem.detail.contains(text), "{at}: {problem}");
     }
+}
+
+/// A horizon that ends needs trials of one length and a start, and control-dependent noise a person whose gains are
+/// known.
+#[test]
+fn what_a_horizon_or_noise_of_the_control_cannot_tell_is_named() {
+    let mut value = example();
+    value["spec"]["horizon"] = json!({});
+    value["inputs"]["trials"] = json!([trial(40, 3), trial(39, 3)]);
+    value["inputs"].as_object_mut().unwrap().remove("trial");
+    let problem = parse(&value).unwrap_err();
+    assert_eq!(problem.location.as_deref(), Some("/inputs/trials/1/output"));
+    assert!(problem.detail.contains("unequal length"), "{problem}");
+    value["inputs"]["trials"] = json!([trial(40, 3)]);
+    value["spec"]["initial_state"] = json!("settled");
+    let problem = parse(&value).unwrap_err();
+    assert_eq!(problem.location.as_deref(), Some("/spec/initial_state"));
+    assert!(problem.detail.contains("no steady state"), "{problem}");
+    value["spec"]["initial_state"] = json!("rest");
+    value["spec"]["control_dependent_noise"] = json!({"name": "c"});
+    value["spec"]["process_noise"] = json!([]);
+    value["spec"]["motor_noise"] = json!([{"name": "additive", "diagonal": [1]}]);
+    let problem = parse(&value).unwrap_err();
+    assert_eq!(problem.location.as_deref(), Some("/spec/motor_noise"));
+    assert!(problem.detail.contains("additive and c are not told apart"), "{problem}");
+    value["spec"]["motor_noise"] = json!([{"name": "additive", "diagonal": [1], "held": 0.01}]);
+    assert_eq!(parse(&value).unwrap().kind().to_string(), "lqg_fit");
+    value["spec"]["control"] = json!("applied");
+    assert_eq!(parse(&value).unwrap_err().location.as_deref(), Some("/spec/control"));
+    value["spec"]["control"] = json!("commanded");
+    value["spec"]["belief"] = json!("filtered");
+    assert_eq!(parse(&value).unwrap_err().location.as_deref(), Some("/spec/belief"));
+}
+
+/// A target that no control moves is no state that settles, and one that grows is refused.
+#[test]
+fn a_target_has_no_steady_state() {
+    let mut value = example();
+    value["inputs"]["plant"] = json!({
+        "a": [[1, 0], [0, 1]], "b": [[0], [0.02]], "c": [[1, 0], [0, 1]], "sample_time_s": 0.02
+    });
+    let output: Vec<[f64; 2]> = (0..60).map(|k| [f64::from(k).sin(), f64::from(k).cos()]).collect();
+    value["inputs"]["trial"] = json!({"sample_time_s": 0.02, "output": output});
+    value["spec"] = json!({"state_weight": [{"name": "error", "matrix": [[1, -1], [-1, 1]]}]});
+    let problem = parse(&value).unwrap_err();
+    assert_eq!(problem.location.as_deref(), Some("/spec/initial_state"));
+    value["spec"]["initial_state"] = json!("rest");
+    assert_eq!(parse(&value).unwrap().kind().to_string(), "lqg_fit");
+    value["inputs"]["plant"]["a"] = json!([[1.1, 0], [0, 1]]);
+    let problem = parse(&value).unwrap_err();
+    assert!(problem.detail.contains("grows by itself"), "{problem}");
+    assert_eq!(problem.location.as_deref(), Some("/inputs/plant"));
+}
+
+/// A recorded target is conditioned on: the person sees target and cursor with noise, and the cursor alone is recorded,
+/// after 40 ms. Twins of such persons are not known, and the report says so.
+#[test]
+fn a_target_is_followed_with_a_delay() {
+    let mut stream = crate::num::rng::stream(34, "lqg fit follower");
+    let mut normal = |sd: f64| sd * stream.sample::<f64, _>(StandardNormal);
+    let (mut cursor, mut seen, mut push, mut output) = (0.0_f64, vec![0.0_f64; 3], Vec::new(), Vec::new());
+    let mut target = 0.0_f64;
+    for k in 0..500 {
+        push.push(target);
+        output.push(cursor + normal(0.01));
+        // Two samples late, with no belief: a person to be fitted, not to be recovered.
+        seen.push(target - cursor + normal(0.1));
+        cursor += 0.02 * (4.0 * seen[seen.len() - 4]) + normal(0.02);
+        target += if k % 20 == 0 { normal(1.0) } else { 0.0 };
+    }
+    let value = json!({"kind": "lqg_fit", "inputs": {
+        "plant": {
+            "a": [[1, 0], [0, 1]], "b": [[0], [0.02]], "c": [[1, 0], [0, 1]], "c_recorded": [[0, 1]],
+            "sample_time_s": 0.02
+        },
+        "trial": {"sample_time_s": 0.02, "disturbance": push, "output": output}
+    }, "spec": {
+        "target": {"state": 0}, "sensory_delay_s": 0.04, "instrument_variance": [[0.0001]], "initial_state": "rest",
+        "state_weight": [{"name": "error", "matrix": [[1, -1], [-1, 1]]}],
+        "perceived_process_noise": [{"name": "believed target", "diagonal": [1, 0]},
+            {"name": "believed cursor", "diagonal": [0, 1], "same_as": "cursor"}],
+        "process_noise": [{"name": "cursor", "diagonal": [0, 1]}],
+        "measurement_noise": [{"name": "senses", "diagonal": [1, 1]}],
+        "perceived_measurement_noise": [{"name": "believed senses", "diagonal": [1, 1], "same_as": "senses"}]
+    }});
+    let plan = parse(&value).unwrap();
+    assert_eq!(Plan::parse(&plan.request()).unwrap().request(), plan.request());
+    let report = run(&value);
+    let explanation = &report.result["explanations"][0];
+    // The line of what is on its way is no state that is answered for.
+    assert_eq!(explanation["k_standard_error"].as_array().unwrap()[0].as_array().unwrap().len(), 2);
+    assert_eq!(explanation["l_standard_error"].as_array().unwrap().len(), 2);
+    assert_eq!(explanation["coefficients"]["believed senses"], explanation["coefficients"]["senses"]);
+    assert_eq!(report.result["parameters"].as_array().unwrap().len(), 4);
+    assert_eq!(report.result["perceived_measurement_noise"], Value::Null);
+    assert_eq!(report.result["twins_outside"], Value::Null);
+    assert!(codes(&report).contains(&"twins_not_looked_for"), "{:?}", report.warnings);
+}
+
+/// Reaches: gains that change from sample to sample, from a given start.
+#[test]
+fn reaches_have_costs_with_intervals() {
+    let mut stream = crate::num::rng::stream(35, "lqg fit reaches");
+    let mut normal = |sd: f64| sd * stream.sample::<f64, _>(StandardNormal);
+    // A point mass over .1 towards zero, by the gains of 20 controls of cost 1e-3 and terminal weights 1 and .1.
+    let (dt, steps) = (0.05, 20);
+    let (a, b) = (DMatrix::from_row_slice(2, 2, &[1.0, dt, 0.0, 1.0]), DMatrix::from_row_slice(2, 1, &[0.0, dt]));
+    let mut p = DMatrix::from_diagonal(&DVector::from_vec(vec![1.0, 0.1]));
+    let mut gains = Vec::new();
+    for _ in 0..steps {
+        let k = (b.transpose() * &p * &b).add_scalar(1e-3).try_inverse().unwrap() * b.transpose() * &p * &a;
+        p = a.transpose() * &p * (&a - &b * &k);
+        gains.push(k);
+    }
+    let one = |normal: &mut dyn FnMut(f64) -> f64| {
+        let (mut x, mut output) = (DVector::from_vec(vec![0.1, 0.0]), Vec::new());
+        for k in 0..=steps {
+            output.push(x[0] + normal(1e-3));
+            let seen = &x + DVector::from_vec(vec![normal(1e-3), normal(1e-2)]);
+            let u = if k < steps { -(&gains[steps - 1 - k] * seen)[0] } else { 0.0 };
+            x = &a * &x + &b * (u * (1.0 + normal(0.2)));
+        }
+        json!({"sample_time_s": dt, "output": output, "initial_state": [0.1, 0]})
+    };
+    let trials: Vec<Value> = (0..30).map(|_| one(&mut normal)).collect();
+    let value = json!({"kind": "lqg_fit", "inputs": {
+        "plant": {"a": [[1, dt], [0, 1]], "b": [[0], [dt]], "c_recorded": [[1, 0]], "sample_time_s": dt},
+        "trials": trials
+    }, "spec": {
+        "initial_state": "given", "instrument_variance": [[1e-6]],
+        "horizon": {
+            "terminal_weight": [
+                {"name": "position", "diagonal": [1, 0], "held": 1}, {"name": "velocity", "diagonal": [0, 1]}
+            ],
+            "initial_covariance": []
+        },
+        "state_weight": [], "control_weight": [{"name": "effort", "diagonal": [1]}],
+        "process_noise": [], "control_dependent_noise": {"name": "c"},
+        "perceived_process_noise": [{"name": "believed noise", "diagonal": [0, 1], "held": 1e-8}],
+        "measurement_noise": [{"name": "senses", "diagonal": [1e-6, 1e-4]}],
+        "perceived_measurement_noise": [{"name": "believed senses", "diagonal": [1e-6, 1e-4], "same_as": "senses"}]
+    }});
+    let report = run(&value);
+    let parameters = report.result["parameters"].as_array().unwrap();
+    let c = parameters.iter().find(|p| p["name"] == "c").unwrap();
+    let (value, error) = (c["value"].as_f64().unwrap(), c["log_standard_error"].as_f64().unwrap());
+    assert!(error < 0.3 && (value / 0.2).ln().abs() < 4.0 * error + 0.1, "{c}");
+    assert_eq!(c["role"], "control_dependent_noise");
+    assert_eq!(report.result["explanations"][0]["regulator_poles"], Value::Null);
+    assert_eq!(report.result["control_weight"], Value::Null);
 }
 
 /// A noise of the motor beside a process noise that enters where the controls do: only their sum shows, unless the

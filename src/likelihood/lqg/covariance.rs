@@ -13,25 +13,16 @@
 //! ∂P⁺ = Ā∂PĀᵀ + U(ĀP)ᵀ + (ĀP)Uᵀ + ∂Q − ∂X Gᵀ − G∂Xᵀ + G∂N Gᵀ
 //! ```
 
-use super::design::{Design, Member, Start, Timing};
+use super::design::{Design, Start, Timing};
+use super::jet::Jet;
 use super::joint::Joint;
 use super::kernel::{add_product, add_transposed, dot, invert, symmetrise};
 use crate::control::lyapunov::{Clock, Lyapunov};
-use crate::ctl::{Ctl, Stopped};
 use crate::num::linalg::symmetric;
+use std::ops::Range;
 
 /// The recursion stands still where a step moves what the predictor is made of by less than this share.
 const STILL: f64 = 1e-12;
-/// For so many steps, so that a slow mode is not passed over.
-const STILL_STEPS: usize = 10;
-/// Steps between two questions whether to go on.
-const STEPS_BETWEEN_CHECKS: usize = 500;
-
-/// The joint system with its derivatives, each with whether it moves F and H.
-pub(super) struct Linear {
-    pub joint: Joint,
-    pub slopes: Vec<(Joint, bool)>,
-}
 
 /// A step; matrices column by column.
 pub(super) struct Step {
@@ -57,14 +48,14 @@ pub(super) struct Step {
 
 /// P with its derivatives.
 #[derive(Clone)]
-struct State {
-    p: Vec<f64>,
+pub(super) struct State {
+    pub p: Vec<f64>,
     /// One after the other.
-    slopes: Vec<f64>,
+    pub slopes: Vec<f64>,
 }
 
 /// Matrices that a step writes to before anything else.
-struct Scratch {
+pub(super) struct Scratch {
     /// T, 2n×c.
     t: Vec<f64>,
     /// Ā, ĀP, ∂F − G∂H, Ā∂P: 2n×2n.
@@ -76,70 +67,54 @@ struct Scratch {
     half: Vec<f64>,
     dt: Vec<f64>,
     d_cross: Vec<f64>,
-    next: State,
+    /// P after the step.
+    pub next: State,
 }
 
-/// Whether the first control tells nothing: recorded exactly, of a belief that is zero for certain.
-pub(super) fn is_control_silent(design: &Design) -> bool {
-    let is_exact = design.recorded.control.as_ref().is_some_and(|noise| noise.amax() == 0.0);
-    is_exact && !design.recorded.is_applied && design.timing == Timing::Predictor && design.start == Start::Rest
-}
-
-/// The steps of a person up to where they stand still, or so many; `None` where a covariance is not positive definite.
-///
-/// # Errors
-/// [`Stopped`] when `ctl` says so.
-pub(super) fn covariances(
-    design: &Design,
-    member: &Member,
-    longest: usize,
-    ctl: &Ctl,
-) -> Result<Option<(Linear, Vec<Step>)>, Stopped> {
-    let joint = design.joint(member);
-    let slopes: Vec<_> = member.slopes.iter().map(|slope| design.joint_slope(member, slope)).collect();
-    let linear = Linear { joint, slopes };
-    let Some(mut state) = first(design.start, &linear) else { return Ok(None) };
-    let (channels, width) = linear.joint.h.shape();
-    let [_, _, outputs, _] = design.sizes();
-    let first_told = if is_control_silent(design) { outputs } else { channels };
-    let (square, tall) = (vec![0.0; width * width], vec![0.0; width * channels]);
-    let mut scratch = Scratch {
-        t: tall.clone(),
-        closed: square.clone(),
-        closed_p: square.clone(),
-        turned: square.clone(),
-        closed_dp: square,
-        half: tall.clone(),
-        dt: tall.clone(),
-        d_cross: tall,
-        next: state.clone(),
-    };
-    let mut steps: Vec<Step> = Vec::new();
-    let mut still = 0;
-    for k in 0..longest {
-        if k % STEPS_BETWEEN_CHECKS == 0 {
-            ctl.check()?;
-        }
-        let told = if k == 0 { first_told } else { channels };
-        let Some(found) = step(&linear, &state, told, &mut scratch) else { return Ok(None) };
-        steps.push(found);
-        let is_still = match steps.as_slice() {
-            [.., before, last] => stands_still(last, before, width),
-            _ => false,
-        };
-        still = if is_still { still + 1 } else { 0 };
-        std::mem::swap(&mut state, &mut scratch.next);
-        if still >= STILL_STEPS {
-            break;
+impl Scratch {
+    pub(super) fn new(width: usize, channels: usize, state: &State) -> Self {
+        let (square, tall) = (vec![0.0; width * width], vec![0.0; width * channels]);
+        Self {
+            t: tall.clone(),
+            closed: square.clone(),
+            closed_p: square.clone(),
+            turned: square.clone(),
+            closed_dp: square,
+            half: tall.clone(),
+            dt: tall.clone(),
+            d_cross: tall,
+            next: state.clone(),
         }
     }
-    Ok(Some((linear, steps)))
+}
+
+impl Design {
+    /// Whether the first control tells nothing: recorded exactly, of a belief that is known.
+    pub(super) fn is_control_silent(&self) -> bool {
+        let is_exact = self.recorded.control.as_ref().is_some_and(|noise| noise.amax() == 0.0);
+        is_exact && !self.recorded.is_applied && self.timing == Timing::Predictor && self.start == Start::Rest
+    }
+
+    /// Whether the first outputs tell nothing: recorded exactly, of a state that is known.
+    pub(super) fn are_outputs_silent(&self) -> bool {
+        self.start == Start::Rest && self.recorded.instrument.as_ref().is_some_and(|noise| noise.amax() == 0.0)
+    }
+
+    /// The channels that tell something at a sample.
+    pub(super) fn told(&self, sample: usize) -> Range<usize> {
+        let (outputs, channels) = (self.outputs(), self.channels());
+        let first = if sample == 0 && self.are_outputs_silent() { outputs } else { 0 };
+        // The terminal cost is of the last sample: there is no control.
+        let is_last = self.horizon.is_some_and(|horizon| sample >= horizon.steps);
+        let last = if is_last || (sample == 0 && self.is_control_silent()) { outputs } else { channels };
+        first..last.max(first)
+    }
 }
 
 /// Whether G, Σ and their derivatives are those of the step before. P itself would not do: entries that are large, in
 /// their units or because nothing is known of a state, hide others that still move. Everything is in units of the
 /// prediction errors' deviations, and of the largest gain of its own state.
-fn stands_still(step: &Step, before: &Step, width: usize) -> bool {
+pub(super) fn stands_still(step: &Step, before: &Step, width: usize) -> bool {
     let channels = step.deviations.len();
     let row = |gain: &[f64], i: usize| {
         (0..channels).map(|j| (gain[i + j * width] * step.deviations[j]).abs()).fold(0.0, f64::max)
@@ -175,31 +150,42 @@ fn stands_still(step: &Step, before: &Step, width: usize) -> bool {
             .all(|(to, from)| is_same(to, from))
 }
 
-/// P at the first sample, with its derivatives: zero, or that of the loop's steady state, `P = FPFᵀ + Q`.
-fn first(start: Start, linear: &Linear) -> Option<State> {
-    let Joint { f, q, .. } = &linear.joint;
-    let width = f.nrows();
-    let count = linear.slopes.len();
+/// P at the first sample, with its derivatives: zero but for noise on its way, or that of the loop's steady state, `P =
+/// FPFᵀ + Q`.
+pub(super) fn first(start: Start, joint: &Joint) -> Option<State> {
+    let (width, count) = (joint.f.shape().0, joint.f.count());
     if start == Start::Rest {
-        return Some(State { p: vec![0.0; width * width], slopes: vec![0.0; width * width * count] });
+        let mut state = State { p: vec![0.0; width * width], slopes: vec![0.0; width * width * count] };
+        if let Some(known) = &joint.on_the_way {
+            state.p.copy_from_slice(known.value());
+            for (i, slope) in state.slopes.chunks_exact_mut(width * width).enumerate() {
+                if let Some(known) = known.slope(i) {
+                    slope.copy_from_slice(known);
+                }
+            }
+        }
+        return Some(state);
     }
-    let operator = Lyapunov::new(f, Clock::Sampled).ok().filter(Lyapunov::is_stable)?;
-    let p = operator.solve_adjoint(&symmetric(q));
+    let f = joint.f.matrix();
+    let operator = Lyapunov::new(&f, Clock::Sampled).ok().filter(Lyapunov::is_stable)?;
+    let p = operator.solve_adjoint(&symmetric(&joint.q.matrix()));
     let mut slopes = Vec::with_capacity(width * width * count);
-    for (slope, _) in &linear.slopes {
-        let moved = &slope.f * &p * f.transpose();
-        let solved = operator.solve_adjoint(&symmetric(&(&moved + moved.transpose() + &slope.q)));
-        slopes.extend_from_slice(solved.as_slice());
+    for i in 0..count {
+        let mut right = joint.q.slope_matrix(i).unwrap_or_else(|| &p * 0.0);
+        if let Some(df) = joint.f.slope_matrix(i) {
+            let moved = df * &p * f.transpose();
+            right += &moved + moved.transpose();
+        }
+        slopes.extend_from_slice(operator.solve_adjoint(&symmetric(&right)).as_slice());
     }
     Some(State { p: p.as_slice().to_vec(), slopes })
 }
 
-/// A step from `state` to `scratch.next`; of the first `told` channels only, the others tell nothing.
-fn step(linear: &Linear, state: &State, told: usize, scratch: &mut Scratch) -> Option<Step> {
-    let Joint { f, h, q, n, x } = &linear.joint;
-    let (channels, width) = h.shape();
-    let [f, h, n, x] = [f, h, n, x].map(|m| m.as_slice());
-    let count = linear.slopes.len();
+/// A step from `state` to `scratch.next` under this covariance Q; of the `told` channels only, the others tell nothing.
+pub(super) fn step(joint: &Joint, q: &Jet, state: &State, told: Range<usize>, scratch: &mut Scratch) -> Option<Step> {
+    let (channels, width) = joint.h.shape();
+    let [f, h, n, x] = [&joint.f, &joint.h, &joint.n, &joint.x].map(Jet::value);
+    let count = joint.f.count();
     let (square, tall, wide) = ([width, width, width], [width, width, channels], [channels, width, channels]);
     let (mixed, outer) = ([width, channels, channels], [width, channels, width]);
     let Scratch { t, closed, closed_p, turned, closed_dp, half, dt, d_cross, next } = scratch;
@@ -207,7 +193,7 @@ fn step(linear: &Linear, state: &State, told: usize, scratch: &mut Scratch) -> O
         gain: vec![0.0; width * channels],
         inverse: vec![0.0; channels * channels],
         log_det: 0.0,
-        told,
+        told: told.len(),
         deviations: vec![0.0; channels],
         gain_slopes: vec![0.0; width * channels * count],
         sigma_slopes: vec![0.0; channels * channels * count],
@@ -219,8 +205,8 @@ fn step(linear: &Linear, state: &State, told: usize, scratch: &mut Scratch) -> O
     let mut sigma = n.to_vec();
     add_product(&mut sigma, h, t, wide, 1.0);
     symmetrise(&mut sigma, channels);
-    found.log_det = invert(&sigma, channels, told, &mut found.inverse)?;
-    for i in 0..told {
+    found.log_det = invert(&sigma, channels, told.clone(), &mut found.inverse)?;
+    for i in told.clone() {
         found.deviations[i] = sigma[i + i * channels].sqrt();
     }
     half.copy_from_slice(x);
@@ -231,33 +217,50 @@ fn step(linear: &Linear, state: &State, told: usize, scratch: &mut Scratch) -> O
     add_product(closed, gain, h, outer, -1.0);
     closed_p.fill(0.0);
     add_product(closed_p, closed, &state.p, square, 1.0);
-    next.p.copy_from_slice(q.as_slice());
+    next.p.copy_from_slice(q.value());
     add_transposed(&mut next.p, closed_p, closed, square, 1.0);
     half.copy_from_slice(x);
     add_product(half, gain, n, mixed, -0.5);
     add_transposed(&mut next.p, half, gain, outer, -1.0);
     add_transposed(&mut next.p, gain, half, outer, -1.0);
     symmetrise(&mut next.p, width);
-    for (i, (slope, moves_gains)) in linear.slopes.iter().enumerate() {
+    for i in 0..count {
         let dp = &state.slopes[i * width * width..(i + 1) * width * width];
         let d_sigma = &mut found.sigma_slopes[i * channels * channels..(i + 1) * channels * channels];
         let d_next = &mut next.slopes[i * width * width..(i + 1) * width * width];
-        let [df, dh, dq, dn, dx] = [&slope.f, &slope.h, &slope.q, &slope.n, &slope.x].map(|m| m.as_slice());
         dt.fill(0.0);
         add_transposed(dt, dp, h, tall, 1.0);
-        d_sigma.copy_from_slice(dn);
-        d_cross.copy_from_slice(dx);
-        add_product(d_cross, gain, dn, mixed, -1.0);
-        d_next.copy_from_slice(dq);
-        half.copy_from_slice(dx);
-        add_product(half, gain, dn, mixed, -0.5);
-        add_transposed(d_next, half, gain, outer, -1.0);
-        add_transposed(d_next, gain, half, outer, -1.0);
-        if *moves_gains {
-            add_transposed(dt, &state.p, dh, tall, 1.0);
-            add_product(d_sigma, dh, t, wide, 1.0);
-            turned.copy_from_slice(df);
-            add_product(turned, gain, dh, outer, -1.0);
+        d_sigma.fill(0.0);
+        d_cross.fill(0.0);
+        d_next.fill(0.0);
+        if let Some(dq) = q.slope(i) {
+            d_next.copy_from_slice(dq);
+        }
+        let (dn, dx) = (joint.n.slope(i), joint.x.slope(i));
+        if dn.is_some() || dx.is_some() {
+            if let Some(dx) = dx {
+                d_cross.copy_from_slice(dx);
+            }
+            half.copy_from_slice(d_cross);
+            if let Some(dn) = dn {
+                d_sigma.copy_from_slice(dn);
+                add_product(d_cross, gain, dn, mixed, -1.0);
+                add_product(half, gain, dn, mixed, -0.5);
+            }
+            add_transposed(d_next, half, gain, outer, -1.0);
+            add_transposed(d_next, gain, half, outer, -1.0);
+        }
+        let (df, dh) = (joint.f.slope(i), joint.h.slope(i));
+        if df.is_some() || dh.is_some() {
+            turned.fill(0.0);
+            if let Some(df) = df {
+                turned.copy_from_slice(df);
+            }
+            if let Some(dh) = dh {
+                add_transposed(dt, &state.p, dh, tall, 1.0);
+                add_product(d_sigma, dh, t, wide, 1.0);
+                add_product(turned, gain, dh, outer, -1.0);
+            }
             add_product(d_cross, turned, t, tall, 1.0);
             add_transposed(d_next, turned, closed_p, square, 1.0);
             add_transposed(d_next, closed_p, turned, square, 1.0);
@@ -265,8 +268,8 @@ fn step(linear: &Linear, state: &State, told: usize, scratch: &mut Scratch) -> O
         add_product(d_sigma, h, dt, wide, 1.0);
         symmetrise(d_sigma, channels);
         // What tells nothing moves nothing.
-        for (at, entry) in d_sigma.iter_mut().enumerate().filter(|_| told < channels) {
-            if at % channels >= told || at / channels >= told {
+        for (at, entry) in d_sigma.iter_mut().enumerate().filter(|_| told.len() < channels) {
+            if !(told.contains(&(at % channels)) && told.contains(&(at / channels))) {
                 *entry = 0.0;
             }
         }

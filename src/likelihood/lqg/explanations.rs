@@ -49,7 +49,21 @@ pub struct Hills {
     /// Twins that are optimal for nothing that the design allows, not even nearly.
     pub outside: usize,
     /// Why no twins were looked for.
-    pub missing: Option<TwinsError>,
+    pub missing: Option<NoTwins>,
+}
+
+/// Why twins were not looked for.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NoTwins {
+    /// The splits of the poles could not be gone through.
+    #[error(transparent)]
+    Splits(#[from] TwinsError),
+    /// Delays, targets, horizons, noise of the control and the like.
+    #[error(
+        "they are only known of a plant that the person knows, without a delay, a target, an end or noise of the \
+             control, with fixed scales"
+    )]
+    NotPlain,
 }
 
 /// Coefficients of the terms, in their order, for which K (m×n) is nearest to optimal for the plant (A, B) and R, in
@@ -164,10 +178,14 @@ pub fn hills(problem: &Problem<'_>, best: &Climbed, bounds: &[[f64; 2]], ctl: &C
     if design.is_told && problem.is_disturbed() {
         return Ok(hills);
     }
+    if !design.is_plain() {
+        hills.missing = Some(NoTwins::NotPlain);
+        return Ok(hills);
+    }
     let found = match twin_persons(design, &best.theta) {
         Ok(found) => found,
         Err(error) => {
-            hills.missing = Some(error);
+            hills.missing = Some(error.into());
             return Ok(hills);
         }
     };
@@ -238,7 +256,7 @@ impl Explanation {
                 v.dot(&(&self.covariance * &v)).max(0.0).sqrt()
             })
         };
-        let Member { k, l, slopes, .. } = &self.member;
-        [errors(k, &|i| slopes[i].k.clone()), errors(l, &|i| slopes[i].l.clone())]
+        let Member { k, l, k_slopes, l_slopes, .. } = &self.member;
+        [errors(k, &|i| k_slopes[i].clone()), errors(l, &|i| l_slopes[i].clone())]
     }
 }

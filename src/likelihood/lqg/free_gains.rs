@@ -30,7 +30,7 @@ pub fn free_gains(
     let [n, m, p, q] = design.sizes();
     let has_control = design.recorded.control.is_some();
     let senses = design.recorded.instrument.is_none() && design.is_told;
-    if design.timing == Timing::Filter || !(has_control || senses) {
+    if design.timing == Timing::Filter || !design.is_plain() || !(has_control || senses) {
         return Ok(None);
     }
     let plant = &design.plant;

@@ -1,214 +1,198 @@
 //! Plant and belief as one linear system, with what was recorded of it.
 //!
 //! ```text
-//! s⁺ = F s + Γ d + G_w w + G_v v + G_m m,    z = H s + J_v v + J_m m + r
+//! s⁺ = F s + Γ d + G_w w + G_v v + G_m m,    z = H s + Θ d + J_v v + J_m m + r
 //! ```
-//! In the predictor's timing `s = [x; x̂]`,
+//! With the person's A_a, B_a, C_a, E_a beside the true A, B, C, E, and `told` 1 for a person who knows d and 0
+//! otherwise, in the predictor's timing `s = [x; x̂]`,
 //!
 //! ```text
-//! F = [A −BK; LC A−BK−LC],  Γ = [E; told·E],  G_w = [I; 0],  G_v = [0; L],  G_m = [B; 0],
+//! F = [A −BK; LC A_a−B_aK−LC_a],  Γ = [E; told E_a + (1−told)LD],  G_w = [I; 0],  G_v = [0; L],  G_m = [B; 0],
 //! ```
-//! and the rows of H are `[C 0]` for y and `[0 −K]` for u. In the filter's timing `s = [x; x̂⁻]` with the belief before
-//! y was sensed, so that v enters z and s⁺ at one moment: with `T = I − LC`
+//! and the rows of H are `[C_r 0]` for y and `[0 −K]` for u. In the filter's timing `s = [x; x̂⁻]` with the belief
+//! before y was sensed, so that v enters z and s⁺ at one moment: with `T = I − LC_a` and `A_c = A_a − B_aK`
 //!
 //! ```text
-//! F = [A−BKLC −BKT; (A−BK)LC (A−BK)T],  G_v = [−BKL; (A−BK)L],
+//! F = [A−BKLC −BKT; A_cLC A_cT],  Γ = [E − BKLD'; told E_a + A_cLD'],  G_v = [−BKL; A_cL],  D' = (1−told)D
 //! ```
-//! and u has the row `[−KLC −KT]` and `J_v = −KL`. `J_v = I` for a y that is what the person sensed; `J_m = I` for an
-//! applied control.
+//! and u has the row `[−KLC −KT]`, with `Θ = −KLD'` and `J_v = −KL`. `J_v = I` for a y that is what the person sensed;
+//! `J_m = I` for an applied control. Where what is sensed is delayed v enters the line instead, and L senses its end
+//! alone.
 
-use super::design::{Design, Member, MemberSlope, Plant, Timing};
+use super::design::{Design, Plant, Role, Timing};
+use super::gains::Gains;
+use super::jet::Jet;
 use nalgebra::DMatrix;
 
-/// The joint system of 2n states and as many outputs as were recorded, or a derivative of it.
+/// The joint system of plant and belief with as many outputs as were recorded, and its derivatives.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Joint {
-    /// F, 2n×2n.
-    pub f: DMatrix<f64>,
-    /// H, channels×2n.
-    pub h: DMatrix<f64>,
+pub(super) struct Joint {
+    /// F.
+    pub f: Jet,
+    /// H, channels × states.
+    pub h: Jet,
+    /// Γ, states × q.
+    pub drive: Jet,
+    /// Θ, channels × q.
+    pub through: Jet,
     /// Covariance of what drives s.
-    pub q: DMatrix<f64>,
+    pub q: Jet,
     /// Covariance of what is added to z.
-    pub n: DMatrix<f64>,
-    /// Cross-covariance of both, 2n×channels.
-    pub x: DMatrix<f64>,
+    pub n: Jet,
+    /// Cross-covariance of both, states × channels.
+    pub x: Jet,
+    /// Covariance of s at a start that is known: that of the noise that is on its way to the person.
+    pub on_the_way: Option<Jet>,
+    /// Noise of the motor that grows with the control.
+    pub grown: Option<Grown>,
 }
 
-/// What K and L make of the system.
-struct Blocks {
-    f: DMatrix<f64>,
-    h: DMatrix<f64>,
-    gv: DMatrix<f64>,
-    jv: DMatrix<f64>,
+/// What makes noise of the control: its variances are those of `C_u diag(E u²) C_u`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Grown {
+    /// The rows of u in s, m × states.
+    pub control: Jet,
+    /// `G_m C_u`, states × m.
+    pub entry: Jet,
 }
 
-/// `[top; bottom]`.
-fn stacked(top: &DMatrix<f64>, bottom: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut m = DMatrix::zeros(top.nrows() + bottom.nrows(), top.ncols());
-    m.rows_mut(0, top.nrows()).copy_from(top);
-    m.rows_mut(top.nrows(), bottom.nrows()).copy_from(bottom);
-    m
-}
-
-/// `[left right]`.
-fn beside(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
-    stacked(&left.transpose(), &right.transpose()).transpose()
+/// True noises at θ.
+struct Noises {
+    w: Jet,
+    v: Jet,
+    m: Jet,
+    u: Option<Jet>,
 }
 
 impl Design {
     /// Rows of z: y, then u where it was recorded.
     #[must_use]
     pub fn channels(&self) -> usize {
-        let [_, m, p, _] = self.sizes();
-        p + if self.recorded.control.is_some() { m } else { 0 }
+        let [_, m, ..] = self.sizes();
+        self.outputs() + if self.recorded.control.is_some() { m } else { 0 }
     }
 
-    /// Γ = [E; told·E], 2n×q, which does not depend on the parameters.
+    /// States of plant and belief together.
     #[must_use]
-    pub fn disturbance(&self) -> DMatrix<f64> {
-        let e = &self.plant.e;
-        stacked(e, &(e * f64::from(u8::from(self.is_told))))
+    pub fn width(&self) -> usize {
+        self.plant.a.nrows() + self.internal().a.nrows()
     }
 
-    /// Rows of z with those of y first; none for u where it was not recorded.
-    fn rows(&self, y: &DMatrix<f64>, u: &DMatrix<f64>) -> DMatrix<f64> {
-        if self.recorded.control.is_some() { stacked(y, u) } else { y.clone() }
-    }
-
-    /// J_v's rows of y.
-    fn sensed(&self) -> DMatrix<f64> {
-        let [_, _, p, _] = self.sizes();
-        if self.recorded.instrument.is_none() { DMatrix::identity(p, p) } else { DMatrix::zeros(p, p) }
-    }
-
-    fn blocks(&self, k: &DMatrix<f64>, l: &DMatrix<f64>) -> Blocks {
+    /// The systems of all gains, in the order in which samples need them, and of every sample its place.
+    pub(super) fn joints(&self, theta: &[f64], gains: &Gains, slopes: bool) -> (Vec<Joint>, Vec<usize>) {
         let [n, m, p, _] = self.sizes();
-        let Plant { a, b, c, .. } = &self.plant;
-        let (bk, lc) = (b * k, l * c);
-        let of_y = beside(c, &DMatrix::zeros(p, n));
-        match self.timing {
-            Timing::Predictor => Blocks {
-                f: stacked(&beside(a, &-&bk), &beside(&lc, &(a - &bk - &lc))),
-                h: self.rows(&of_y, &beside(&DMatrix::zeros(m, n), &-k)),
-                gv: stacked(&DMatrix::zeros(n, p), l),
-                jv: self.rows(&self.sensed(), &DMatrix::zeros(m, p)),
-            },
+        let zero = |order: usize| DMatrix::zeros(order, order);
+        let noises = Noises {
+            w: self.sum(theta, Role::ProcessNoise, &zero(n), slopes),
+            v: self.sum(theta, Role::MeasurementNoise, &zero(p), slopes),
+            m: self.sum(theta, Role::MotorNoise, &zero(m), slopes),
+            u: self
+                .has(Role::ControlDependentNoise)
+                .then(|| self.sum(theta, Role::ControlDependentNoise, &zero(m), slopes)),
+        };
+        let mut found: Vec<Joint> = Vec::new();
+        let mut places = Vec::new();
+        let mut last = None;
+        for sample in 0..gains.len() {
+            let place = gains.place(sample);
+            if last != Some(place) {
+                found.push(self.joint(gains.at(sample), &noises));
+                last = Some(place);
+            }
+            places.push(found.len() - 1);
+        }
+        (found, places)
+    }
+
+    /// The system of a sample's gains.
+    fn joint(&self, [k, l]: [&Jet; 2], noises: &Noises) -> Joint {
+        let count = noises.w.count();
+        let [n, m, p, q] = self.sizes();
+        let (outputs, channels, width) = (self.outputs(), self.channels(), self.width());
+        let own = width - n;
+        let fixed = |matrix: &DMatrix<f64>| Jet::fixed(matrix, count);
+        let zeros = |rows, columns| Jet::zeros(rows, columns, count);
+        let Plant { a, b, c, e, d } = &self.plant;
+        let internal = self.internal();
+        let (a, b, c) = (fixed(a), fixed(b), fixed(c));
+        let told = f64::from(u8::from(self.is_told));
+        let seen = fixed(&(d * (1.0 - told)));
+        let [rows, _] = self.recorded_rows();
+        let has_control = self.recorded.control.is_some();
+        let lc = l.times(&c);
+        let closed = fixed(&internal.a).add(&fixed(&internal.b).times(k), -1.0);
+        let (bottom, of_control, left) = match self.timing {
+            Timing::Predictor => {
+                let rest = closed.add(&l.times(&fixed(&internal.c)), -1.0);
+                (zeros(own, own).add(&rest, 1.0), zeros(m, width).put((0, n), k, -1.0), None)
+            }
             Timing::Filter => {
-                let closed = a - &bk;
-                let t = DMatrix::identity(n, n) - &lc;
-                Blocks {
-                    f: stacked(&beside(&(a - &bk * &lc), &-(&bk * &t)), &beside(&(&closed * &lc), &(&closed * &t))),
-                    h: self.rows(&of_y, &beside(&-(k * &lc), &-(k * &t))),
-                    gv: stacked(&-(&bk * l), &(&closed * l)),
-                    jv: self.rows(&self.sensed(), &-(k * l)),
-                }
+                let t = fixed(&DMatrix::identity(own, own)).add(&l.times(&fixed(&internal.c)), -1.0);
+                let control = zeros(m, width).put((0, 0), &k.times(&lc), -1.0).put((0, n), &k.times(&t), -1.0);
+                (closed.times(&t), control, Some(closed))
+            }
+        };
+        // What of the senses reaches x and the belief: by the control at once, and by the belief.
+        let (at_once, by_belief) = match &left {
+            None => (None, l.clone()),
+            Some(closed) => (Some(k.times(l)), closed.times(l)),
+        };
+        let mut f = zeros(width, width).put((0, 0), &a, 1.0).put((n, n), &bottom, 1.0);
+        f = f.put((n, 0), &by_belief.times(&c), 1.0);
+        f = f.put((0, 0), &b.times(&of_control), 1.0);
+        let mut h = zeros(channels, width).put((0, 0), &fixed(rows), 1.0);
+        let mut drive = zeros(width, q).put((0, 0), &fixed(e), 1.0).put((n, 0), &fixed(&internal.e), told);
+        drive = drive.put((n, 0), &by_belief.times(&seen), 1.0);
+        let mut through = zeros(channels, q).put((0, 0), &fixed(self.recorded_rows()[1]), 1.0);
+        let mut gv = zeros(width, p).put((n, 0), &by_belief, 1.0);
+        let mut jv = zeros(channels, p);
+        if let Some(at_once) = &at_once {
+            let of_seen = at_once.times(&seen);
+            drive = drive.put((0, 0), &b.times(&of_seen), -1.0);
+            gv = gv.put((0, 0), &b.times(at_once), -1.0);
+            if has_control {
+                through = through.put((outputs, 0), &of_seen, -1.0);
+                jv = jv.put((outputs, 0), at_once, -1.0);
             }
         }
-    }
-
-    /// The derivative of [`Self::blocks`] along (dK, dL), by the product rule.
-    fn blocks_slope(&self, [k, l]: [&DMatrix<f64>; 2], [dk, dl]: [&DMatrix<f64>; 2]) -> Blocks {
-        let [n, m, p, _] = self.sizes();
-        let Plant { a, b, c, .. } = &self.plant;
-        let (dbk, dlc) = (b * dk, dl * c);
-        let of_y = DMatrix::zeros(p, 2 * n);
-        let of_sensed = DMatrix::zeros(p, p);
-        match self.timing {
-            Timing::Predictor => Blocks {
-                f: stacked(&beside(&DMatrix::zeros(n, n), &-&dbk), &beside(&dlc, &(-&dbk - &dlc))),
-                h: self.rows(&of_y, &beside(&DMatrix::zeros(m, n), &-dk)),
-                gv: stacked(&DMatrix::zeros(n, p), dl),
-                jv: self.rows(&of_sensed, &DMatrix::zeros(m, p)),
-            },
-            Timing::Filter => {
-                let lc = l * c;
-                let closed = a - b * k;
-                let t = DMatrix::identity(n, n) - &lc;
-                // d(KL), d(KT), d((A − BK)L), d((A − BK)T).
-                let dkl = dk * l + k * dl;
-                let dkt = dk * &t - k * &dlc;
-                let dcl = &closed * dl - &dbk * l;
-                let dct = -(&dbk * &t) - &closed * &dlc;
-                Blocks {
-                    f: stacked(&beside(&-(b * &dkl * c), &-(b * &dkt)), &beside(&(&dcl * c), &dct)),
-                    h: self.rows(&of_y, &beside(&-(&dkl * c), &-&dkt)),
-                    gv: stacked(&-(b * &dkl), &dcl),
-                    jv: self.rows(&of_sensed, &-&dkl),
-                }
-            }
+        if let Some(entry) = &self.on_the_way {
+            // What arrives has its noise with it.
+            gv = zeros(width, p).put((0, 0), &fixed(entry), 1.0);
+            jv = zeros(channels, p);
         }
-    }
-
-    /// G_m and J_m, which do not depend on the parameters.
-    fn motor(&self) -> (DMatrix<f64>, DMatrix<f64>) {
-        let [n, m, p, _] = self.sizes();
-        let applied = if self.recorded.is_applied { DMatrix::identity(m, m) } else { DMatrix::zeros(m, m) };
-        (stacked(&self.plant.b, &DMatrix::zeros(n, m)), self.rows(&DMatrix::zeros(p, m), &applied))
-    }
-
-    /// The system of a person.
-    #[must_use]
-    pub fn joint(&self, member: &Member) -> Joint {
-        let [n, m, p, _] = self.sizes();
-        let Blocks { f, h, gv, jv } = self.blocks(&member.k, &member.l);
-        let (gm, jm) = self.motor();
-        let mut q = &gv * &member.v * gv.transpose() + &gm * &member.m * gm.transpose();
-        let mut of_w = q.view_mut((0, 0), (n, n));
-        of_w += &member.w;
-        let mut noise = &jv * &member.v * jv.transpose() + &jm * &member.m * jm.transpose();
+        if self.recorded.instrument.is_none() {
+            jv = jv.put((0, 0), &fixed(&DMatrix::identity(p, p)), 1.0);
+        }
+        if has_control {
+            h = h.put((outputs, 0), &of_control, 1.0);
+        }
+        let gm = zeros(width, m).put((0, 0), &b, 1.0);
+        let applied = has_control && self.recorded.is_applied;
+        let jm = zeros(channels, m);
+        let jm = if applied { jm.put((outputs, 0), &fixed(&DMatrix::identity(m, m)), 1.0) } else { jm };
+        let on_the_way = self.on_the_way.as_ref().map(|entry| {
+            let first = (0..n).find(|i| entry.row(*i).amax() > 0.0).unwrap_or(n);
+            (first..n).step_by(p).fold(zeros(width, width), |sum, at| sum.put((at, at), &noises.v, 1.0))
+        });
+        let (gv_v, gm_m) = (gv.times(&noises.v), gm.times(&noises.m));
+        let mut noise = jv.times(&noises.v).times_transposed(&jv);
+        noise = noise.add(&jm.times(&noises.m).times_transposed(&jm), 1.0);
         if let Some(instrument) = &self.recorded.instrument {
-            let mut of_y = noise.view_mut((0, 0), (p, p));
-            of_y += instrument;
+            noise = noise.put((0, 0), &fixed(instrument), 1.0);
         }
         if let Some(recorder) = &self.recorded.control {
-            let mut of_u = noise.view_mut((p, p), (m, m));
-            of_u += recorder;
+            noise = noise.put((outputs, outputs), &fixed(recorder), 1.0);
         }
-        let x = &gv * &member.v * jv.transpose() + &gm * &member.m * jm.transpose();
-        Joint { f, h, q, n: noise, x }
-    }
-
-    /// A derivative of [`Self::joint`], and whether it moves F and H at all.
-    pub(super) fn joint_slope(&self, member: &Member, slope: &MemberSlope) -> (Joint, bool) {
-        let [n, m, p, _] = self.sizes();
-        let (width, channels) = (2 * n, self.channels());
-        let mut joint = Joint {
-            f: DMatrix::zeros(width, width),
-            h: DMatrix::zeros(channels, width),
-            q: DMatrix::zeros(width, width),
-            n: DMatrix::zeros(channels, channels),
-            x: DMatrix::zeros(width, channels),
-        };
-        if let Some(dw) = &slope.w {
-            joint.q.view_mut((0, 0), (n, n)).copy_from(dw);
+        Joint {
+            q: gv_v.times_transposed(&gv).add(&gm_m.times_transposed(&gm), 1.0).put((0, 0), &noises.w, 1.0),
+            x: gv_v.times_transposed(&jv).add(&gm_m.times_transposed(&jm), 1.0),
+            n: noise,
+            on_the_way,
+            grown: noises.u.as_ref().map(|u| Grown { control: of_control.clone(), entry: gm.times(u) }),
+            f,
+            h,
+            drive,
+            through,
         }
-        if let Some(dm) = &slope.m {
-            let (gm, jm) = self.motor();
-            joint.q += &gm * dm * gm.transpose();
-            joint.n += &jm * dm * jm.transpose();
-            joint.x += &gm * dm * jm.transpose();
-        }
-        if let Some(dv) = &slope.v {
-            let Blocks { gv, jv, .. } = self.blocks(&member.k, &member.l);
-            joint.q += &gv * dv * gv.transpose();
-            joint.n += &jv * dv * jv.transpose();
-            joint.x += &gv * dv * jv.transpose();
-        }
-        let moves_gains = slope.k.is_some() || slope.l.is_some();
-        if moves_gains {
-            let (no_k, no_l) = (DMatrix::zeros(m, n), DMatrix::zeros(n, p));
-            let direction = [slope.k.as_ref().unwrap_or(&no_k), slope.l.as_ref().unwrap_or(&no_l)];
-            let Blocks { gv, jv, .. } = self.blocks(&member.k, &member.l);
-            let moved = self.blocks_slope([&member.k, &member.l], direction);
-            let of_q = &moved.gv * &member.v * gv.transpose();
-            let of_n = &moved.jv * &member.v * jv.transpose();
-            joint.q += &of_q + of_q.transpose();
-            joint.n += &of_n + of_n.transpose();
-            joint.x += &moved.gv * &member.v * jv.transpose() + &gv * &member.v * moved.jv.transpose();
-            joint.f = moved.f;
-            joint.h = moved.h;
-        }
-        (joint, moves_gains)
     }
 }

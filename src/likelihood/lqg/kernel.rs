@@ -2,13 +2,10 @@
 //! All are column by column. The loops are plain, because adaptors of iterators are calls where nothing is inlined: in
 //! the development profile they take ten times as long.
 
+use std::ops::Range;
+
 /// The shape of a product: rows of the left, what both share, columns of the right.
 pub(super) type Shape = [usize; 3];
-
-/// `out += sign · A x`, for a vector x.
-pub(super) fn add(out: &mut [f64], a: &[f64], x: &[f64], sign: f64) {
-    add_column(out, a, x, sign, [0, 0, x.len()]);
-}
 
 /// `out[to..] += sign · A x[from..]`, for as many columns of A, whose rows are those of one column of `out`.
 #[inline]
@@ -79,16 +76,17 @@ pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
     sum
 }
 
-/// Writes the inverse of the leading block of a symmetric matrix into `inverse`, zeros elsewhere, and gives the
-/// logarithm of the block's determinant; `None` where it is not positive definite.
-pub(super) fn invert(m: &[f64], order: usize, leading: usize, inverse: &mut [f64]) -> Option<f64> {
+/// Writes the inverse of the diagonal block of these rows of a symmetric matrix into `inverse`, zeros elsewhere, and
+/// gives the logarithm of the block's determinant; `None` where it is not positive definite.
+pub(super) fn invert(m: &[f64], order: usize, block: Range<usize>, inverse: &mut [f64]) -> Option<f64> {
+    let Range { start: first, end: last } = block;
     // The lower Cholesky factor, in the place of the answer.
     inverse.fill(0.0);
     let mut log_det = 0.0;
-    for j in 0..leading {
-        for i in j..leading {
+    for j in first..last {
+        for i in j..last {
             let mut rest = m[i + j * order];
-            for k in 0..j {
+            for k in first..j {
                 rest -= inverse[i + k * order] * inverse[j + k * order];
             }
             if i > j {
@@ -102,9 +100,9 @@ pub(super) fn invert(m: &[f64], order: usize, leading: usize, inverse: &mut [f64
         }
     }
     // Its inverse, column by column from the right, then `L⁻ᵀL⁻¹`.
-    for j in (0..leading).rev() {
+    for j in (first..last).rev() {
         let pivot = 1.0 / inverse[j + j * order];
-        for i in (j + 1..leading).rev() {
+        for i in (j + 1..last).rev() {
             let mut sum = 0.0;
             for k in j + 1..=i {
                 sum += inverse[i + k * order] * inverse[k + j * order];
@@ -113,18 +111,18 @@ pub(super) fn invert(m: &[f64], order: usize, leading: usize, inverse: &mut [f64
         }
         inverse[j + j * order] = pivot;
     }
-    for j in 0..leading {
-        for i in 0..=j {
+    for j in first..last {
+        for i in first..=j {
             let mut sum = 0.0;
-            for k in j..leading {
+            for k in j..last {
                 sum += inverse[k + i * order] * inverse[k + j * order];
             }
             // Above the diagonal, which the factor leaves free; the diagonal itself is not read again.
             inverse[i + j * order] = sum;
         }
     }
-    for j in 0..leading {
-        for i in 0..j {
+    for j in first..last {
+        for i in first..j {
             inverse[j + i * order] = inverse[i + j * order];
         }
     }
@@ -151,18 +149,19 @@ mod tests {
     }
 
     #[test]
-    fn the_inverse_of_a_leading_block_is_its_inverse() {
-        for leading in 1..=4 {
+    fn the_inverse_of_a_block_is_its_inverse() {
+        for (first, last) in [(0, 1), (0, 2), (0, 3), (0, 4), (1, 3), (2, 4), (3, 4)] {
+            let size = last - first;
             let root = made(4, 4, 0.5) + DMatrix::identity(4, 4);
             let m = &root * root.transpose();
             let mut inverse = DMatrix::from_element(4, 4, f64::NAN);
-            let log_det = invert(m.as_slice(), 4, leading, inverse.as_mut_slice()).unwrap();
-            let block = m.view((0, 0), (leading, leading)).into_owned();
+            let log_det = invert(m.as_slice(), 4, first..last, inverse.as_mut_slice()).unwrap();
+            let block = m.view((first, first), (size, size)).into_owned();
             assert!((log_det - block.determinant().ln()).abs() < 1e-12);
             let mut expected = DMatrix::zeros(4, 4);
-            expected.view_mut((0, 0), (leading, leading)).copy_from(&block.try_inverse().unwrap());
-            assert!((inverse - &expected).norm() < 1e-11 * expected.norm(), "{leading}");
+            expected.view_mut((first, first), (size, size)).copy_from(&block.try_inverse().unwrap());
+            assert!((inverse - &expected).norm() < 1e-11 * expected.norm(), "{first} {last}");
         }
-        assert_eq!(invert(&[1.0, 2.0, 2.0, 1.0], 2, 2, &mut [0.0; 4]), None);
+        assert_eq!(invert(&[1.0, 2.0, 2.0, 1.0], 2, 0..2, &mut [0.0; 4]), None);
     }
 }

@@ -8,16 +8,13 @@
 //! derivatives are those of these equations, carried forward beside them; the information is `Σ_k ∂eᵀΣ⁻¹∂e + ½ tr
 //! Σ⁻¹∂Σ Σ⁻¹∂Σ`, whose expectation is Fisher's and which is never indefinite.
 
-use super::covariance::{Linear, Step, covariances, is_control_silent};
-use super::design::{Design, Member};
-use super::joint::Joint;
-use super::kernel::{add, dot};
+use super::course::{self, Course};
+use super::design::{Design, Role};
+use super::walk::{Trial, Walker, along, lots};
 use crate::ctl::{Ctl, Stopped};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// Samples of a trial between two such questions.
-const SAMPLES_BETWEEN_CHECKS: usize = 20_000;
 /// Samples of all trials at most.
 pub const MAX_SAMPLES: usize = 2_000_000;
 /// Numbers of the steps of one covariance recursion at most: they are held in memory.
@@ -32,6 +29,8 @@ pub struct Record {
     pub disturbance: DMatrix<f64>,
     /// z: y, then u where it was recorded; samples × channels.
     pub measured: DMatrix<f64>,
+    /// The state and the belief that it starts from; zero where it says nothing. Only where trials start at rest.
+    pub initial: Option<[DVector<f64>; 2]>,
 }
 
 /// Trials that do not fit the design.
@@ -70,6 +69,30 @@ pub enum RecordError {
         /// Samples that it may have.
         most: usize,
     },
+    /// Trials of another length than the horizon has.
+    #[error(
+        "trial {trial} (counted from 0) has {samples} samples, and a horizon of {steps} controls has {}: trials of \
+         unequal length have no common gains",
+        steps + 1
+    )]
+    Horizon {
+        /// The trial.
+        trial: usize,
+        /// Its samples.
+        samples: usize,
+        /// Controls of the horizon.
+        steps: usize,
+    },
+    /// An initial state of another size than the plant has.
+    #[error("the initial state and belief of trial {trial} (counted from 0) must have {states} and {own} entries")]
+    Initial {
+        /// The trial.
+        trial: usize,
+        /// States of the plant.
+        states: usize,
+        /// States of the person's model of it.
+        own: usize,
+    },
     /// A command that moves before anything was sensed.
     #[error(
         "trial {trial} (counted from 0) does not start at rest: its first control, recorded exactly, is not zero, \
@@ -81,20 +104,22 @@ pub enum RecordError {
     },
 }
 
-/// A trial as the recursion takes it, sample by sample.
+/// Trials that share their covariances.
 #[derive(Debug, Clone, PartialEq)]
-struct Trial {
-    /// Γd, 2n × samples.
-    drive: DMatrix<f64>,
-    /// z, channels × samples.
-    measured: DMatrix<f64>,
+struct Group {
+    /// Where the person's belief starts.
+    belief: DVector<f64>,
+    /// The trials, with their places among all.
+    trials: Vec<(usize, Trial)>,
+    /// Fewer trials with the same likelihood, where there are.
+    sufficient: Option<Vec<Trial>>,
 }
 
 /// Trials with what is known of the person.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Problem<'a> {
     design: &'a Design,
-    trials: Vec<Trial>,
+    groups: Vec<Group>,
     samples: usize,
 }
 
@@ -118,12 +143,13 @@ impl<'a> Problem<'a> {
         if records.is_empty() {
             return Err(RecordError::Empty);
         }
-        let [_, _, p, q] = design.sizes();
-        let channels = design.channels();
-        let gamma = design.disturbance();
-        let mut trials = Vec::new();
+        let [n, _, _, q] = design.sizes();
+        let own = design.width() - n;
+        let (channels, outputs) = (design.channels(), design.outputs());
         let mut samples = 0;
-        let is_silent = is_control_silent(design);
+        let mut groups: Vec<Group> = Vec::new();
+        let is_silent = design.is_control_silent();
+        let is_grown = design.has(Role::ControlDependentNoise);
         for (trial, record) in records.iter().enumerate() {
             let parts = [("disturbance", &record.disturbance, q), ("measured signals", &record.measured, channels)];
             for (signal, found, expected) in parts {
@@ -132,22 +158,52 @@ impl<'a> Problem<'a> {
                     return Err(RecordError::Size { trial, signal, rows, columns, expected });
                 }
             }
-            let controls = record.measured.columns(p, channels - p);
-            if is_silent && controls.row(0).amax() > ZERO * controls.amax() {
+            let rows = record.measured.nrows();
+            if let Some(horizon) = design.horizon.filter(|horizon| horizon.steps + 1 != rows) {
+                return Err(RecordError::Horizon { trial, samples: rows, steps: horizon.steps });
+            }
+            let [state, belief] = record.initial.clone().unwrap_or_else(|| [DVector::zeros(n), DVector::zeros(own)]);
+            if state.len() != n || belief.len() != own {
+                return Err(RecordError::Initial { trial, states: n, own });
+            }
+            let controls = record.measured.columns(outputs, channels - outputs);
+            if is_silent && belief.amax() == 0.0 && controls.row(0).amax() > ZERO * controls.amax() {
                 return Err(RecordError::NotAtRest { trial });
             }
-            samples += record.measured.nrows();
-            trials
-                .push(Trial { drive: &gamma * record.disturbance.transpose(), measured: record.measured.transpose() });
+            samples += rows;
+            let one = Trial {
+                disturbance: record.disturbance.transpose(),
+                measured: record.measured.transpose(),
+                start: state.iter().chain(belief.iter()).copied().collect(),
+                densities: 1.0,
+                weight: 1.0,
+            };
+            // Noise that grows with the control has other covariances for every start and every disturbance.
+            let same = |group: &&mut Group| {
+                !is_grown || group.trials.first().is_some_and(|(_, first)| first.has_course_of(&one))
+            };
+            match groups.iter_mut().find(same) {
+                Some(group) => group.trials.push((trial, one)),
+                None => groups.push(Group { belief, trials: vec![(trial, one)], sufficient: None }),
+            }
         }
         if samples > MAX_SAMPLES {
             return Err(RecordError::TooLong { samples });
         }
+        // What noise of the control comes to along a trial is no sum over trials.
+        if !course::is_of_each_trial(design) {
+            for group in &mut groups {
+                let trials: Vec<&Trial> = group.trials.iter().map(|(_, trial)| trial).collect();
+                group.sufficient = Trial::sufficient(&trials);
+            }
+        }
         let parameters = design.free().count();
-        let width = gamma.nrows();
+        let width = design.width();
         let each = (width + channels) * channels * (parameters + 1) + parameters * (parameters + 1);
-        let most = MAX_NUMBERS / each;
-        let found = Self { design, trials, samples };
+        // Gains of their own make systems of their own.
+        let own_gains = if design.horizon.is_some() { 2 * width * width * (parameters + 1) } else { 0 };
+        let most = MAX_NUMBERS / (each + own_gains);
+        let found = Self { design, groups, samples };
         if found.longest() > most {
             return Err(RecordError::TooLarge { samples: found.longest(), parameters, most });
         }
@@ -169,16 +225,15 @@ impl<'a> Problem<'a> {
     /// Whether the experimenter moved anything.
     #[must_use]
     pub fn is_disturbed(&self) -> bool {
-        self.trials.iter().any(|trial| trial.drive.iter().any(|v| *v != 0.0))
+        self.trials().any(|(_, trial)| trial.disturbance.iter().any(|v| *v != 0.0))
     }
 
     /// Of every output the mean square of its second differences over six, which is the variance of white noise on a
     /// signal that is smooth beside it; positive.
     pub(super) fn roughness(&self) -> Vec<f64> {
-        let [_, _, p, _] = self.design.sizes();
         let one = |output: usize| {
             let (mut sum, mut count) = (0.0, 0.0);
-            for trial in &self.trials {
+            for (_, trial) in self.trials() {
                 let y = trial.measured.row(output);
                 for k in 2..y.len() {
                     sum += (y[k] - 2.0 * y[k - 1] + y[k - 2]).powi(2);
@@ -187,7 +242,12 @@ impl<'a> Problem<'a> {
             }
             if count > 0.0 && sum > 0.0 { sum / count } else { f64::MIN_POSITIVE.sqrt() }
         };
-        (0..p).map(one).collect()
+        (0..self.design.outputs()).map(one).collect()
+    }
+
+    /// The trials, with their places.
+    fn trials(&self) -> impl Iterator<Item = &(usize, Trial)> {
+        self.groups.iter().flat_map(|group| &group.trials)
     }
 
     /// Log likelihood at θ, with gradient and information if asked; `None` where the person is not defined there, or a
@@ -195,47 +255,34 @@ impl<'a> Problem<'a> {
     ///
     /// # Errors
     /// [`Stopped`] when `ctl` says so.
-    pub fn evaluate(&self, theta: &[f64], slopes: bool, ctl: &Ctl) -> Result<Option<Evaluation>, Stopped> {
+    pub fn evaluate(&self, theta: &[f64], derivatives: bool, ctl: &Ctl) -> Result<Option<Evaluation>, Stopped> {
         ctl.check()?;
-        let Some(member) = self.design.member(theta, slopes) else { return Ok(None) };
-        self.of_member(&member, ctl)
-    }
-
-    /// The same of a person who need not be optimal for anything.
-    ///
-    /// # Errors
-    /// [`Stopped`] when `ctl` says so.
-    pub fn of_member(&self, member: &Member, ctl: &Ctl) -> Result<Option<Evaluation>, Stopped> {
-        let Some((linear, steps)) = covariances(self.design, member, self.longest(), ctl)? else { return Ok(None) };
-        let count = member.slopes.len();
-        let parts: Result<Vec<_>, Stopped> =
-            self.trials.par_iter().map(|trial| along(trial, &linear, &steps, ctl, None)).collect();
-        let mut all = Evaluation {
-            log_likelihood: 0.0,
-            gradient: DVector::zeros(count),
-            information: DMatrix::zeros(count, count),
-        };
-        // One after the other, whoever was ready first.
-        for part in parts? {
-            all.log_likelihood += part.log_likelihood;
-            all.gradient += part.gradient;
-            all.information += part.information;
-        }
-        let last = steps.len() - 1;
-        for (at, step) in steps.iter().enumerate() {
-            let lengths = self.trials.iter().map(|trial| trial.measured.ncols());
-            let uses = |n: usize| if at < last { usize::from(n > at) } else { n.saturating_sub(last) };
-            let times = lengths.map(uses).sum::<usize>() as f64;
-            for (sum, of_step) in all.gradient.iter_mut().zip(&step.half_traces) {
-                *sum -= times * of_step;
+        let mut all = Evaluation::zero(if derivatives { theta.len() } else { 0 });
+        for group in &self.groups {
+            let Some(course) = self.course(group, theta, derivatives, ctl)? else { return Ok(None) };
+            let lots = match &group.sufficient {
+                Some(trials) => lots(trials.iter()),
+                None => lots(group.trials.iter().map(|(_, trial)| trial)),
+            };
+            let parts: Result<Vec<_>, Stopped> = lots.par_iter().map(|lot| along(lot, &course, ctl)).collect();
+            // One after the other, whoever was ready first.
+            for part in parts? {
+                let Some(part) = part else { return Ok(None) };
+                all.add(&part);
             }
-            for (sum, of_step) in all.information.iter_mut().zip(&step.information) {
-                *sum += times * of_step;
-            }
+            course.add_traces(group.trials.iter().map(|(_, trial)| trial.measured.ncols()), &mut all);
         }
         let is_finite =
             all.log_likelihood.is_finite() && all.gradient.iter().chain(all.information.iter()).all(|v| v.is_finite());
         Ok(is_finite.then_some(all))
+    }
+
+    /// The predictor of a group's trials.
+    fn course(&self, group: &Group, theta: &[f64], slopes: bool, ctl: &Ctl) -> Result<Option<Course<'a>>, Stopped> {
+        let longest = group.trials.iter().map(|(_, trial)| trial.measured.ncols()).max().unwrap_or(0);
+        let Some(gains) = self.design.gains(theta, slopes, Some(&group.belief)) else { return Ok(None) };
+        let first = group.trials.first().map(|(_, trial)| trial);
+        Course::new(self.design, self.design.joints(theta, &gains, slopes), first, longest, ctl)
     }
 
     /// Prediction errors of every trial at θ in units of their own standard deviations, samples × channels; `None` as
@@ -244,98 +291,35 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// [`Stopped`] when `ctl` says so.
     pub fn innovations(&self, theta: &[f64], ctl: &Ctl) -> Result<Option<Vec<DMatrix<f64>>>, Stopped> {
-        let Some(member) = self.design.member(theta, false) else { return Ok(None) };
-        let Some((linear, steps)) = covariances(self.design, &member, self.longest(), ctl)? else { return Ok(None) };
-        let mut all = Vec::new();
-        for trial in &self.trials {
-            let mut errors = DMatrix::zeros(trial.measured.nrows(), trial.measured.ncols());
-            along(trial, &linear, &steps, ctl, Some(&mut errors))?;
-            for (k, mut column) in errors.column_iter_mut().enumerate() {
-                let step = &steps[k.min(steps.len() - 1)];
-                for (value, deviation) in column.iter_mut().zip(&step.deviations) {
-                    *value = if *deviation > 0.0 { *value / deviation } else { 0.0 };
+        let mut all: Vec<(usize, DMatrix<f64>)> = Vec::new();
+        for group in &self.groups {
+            let Some(course) = self.course(group, theta, false, ctl)? else { return Ok(None) };
+            for (place, trial) in &group.trials {
+                let mut errors = DMatrix::zeros(trial.measured.nrows(), trial.measured.ncols());
+                if Walker::<1>::along([trial], &course, ctl, Some(&mut errors))?.is_none() {
+                    return Ok(None);
                 }
+                all.push((*place, errors.transpose()));
             }
-            all.push(errors.transpose());
         }
-        Ok(Some(all))
+        all.sort_by_key(|(place, _)| *place);
+        Ok(Some(all.into_iter().map(|(_, errors)| errors).collect()))
     }
 
     /// Samples of the longest trial.
     fn longest(&self) -> usize {
-        self.trials.iter().map(|trial| trial.measured.ncols()).max().unwrap_or(0)
+        self.trials().map(|(_, trial)| trial.measured.ncols()).max().unwrap_or(0)
     }
 }
 
-/// The predictor along a trial; the information is that of the prediction errors alone.
-fn along(
-    trial: &Trial,
-    linear: &Linear,
-    steps: &[Step],
-    ctl: &Ctl,
-    mut errors: Option<&mut DMatrix<f64>>,
-) -> Result<Evaluation, Stopped> {
-    let Joint { f, h, .. } = &linear.joint;
-    let (channels, width) = h.shape();
-    let count = linear.slopes.len();
-    let (f, h) = (f.as_slice(), h.as_slice());
-    let (mut s, mut s_next) = (vec![0.0; width], vec![0.0; width]);
-    let (mut ds, mut ds_next) = (vec![0.0; width * count], vec![0.0; width]);
-    let (mut e, mut de, mut weighted) = (vec![0.0; channels], vec![0.0; channels * count], vec![0.0; channels]);
-    let mut turned = vec![0.0; channels];
-    let mut result =
-        Evaluation { log_likelihood: 0.0, gradient: DVector::zeros(count), information: DMatrix::zeros(count, count) };
-    let constant = (2.0 * std::f64::consts::PI).ln();
-    let samples = trial.measured.as_slice().chunks_exact(channels).zip(trial.drive.as_slice().chunks_exact(width));
-    for (k, (z, drive)) in samples.enumerate() {
-        if k % SAMPLES_BETWEEN_CHECKS == 0 {
-            ctl.check()?;
-        }
-        let step = &steps[k.min(steps.len() - 1)];
-        e.copy_from_slice(z);
-        add(&mut e, h, &s, -1.0);
-        if let Some(errors) = errors.as_deref_mut() {
-            errors.column_mut(k).copy_from_slice(&e);
-        }
-        weighted.fill(0.0);
-        add(&mut weighted, &step.inverse, &e, 1.0);
-        result.log_likelihood -= 0.5 * (step.log_det + dot(&e, &weighted) + step.told as f64 * constant);
-        for (i, (slope, moves_gains)) in linear.slopes.iter().enumerate() {
-            let de = &mut de[i * channels..(i + 1) * channels];
-            let ds = &mut ds[i * width..(i + 1) * width];
-            de.fill(0.0);
-            add(de, h, ds, -1.0);
-            ds_next.fill(0.0);
-            add(&mut ds_next, f, ds, 1.0);
-            if *moves_gains {
-                add(de, slope.h.as_slice(), &s, -1.0);
-                add(&mut ds_next, slope.f.as_slice(), &s, 1.0);
-            }
-            let gain = width * channels;
-            add(&mut ds_next, &step.gain_slopes[i * gain..(i + 1) * gain], &e, 1.0);
-            add(&mut ds_next, &step.gain, de, 1.0);
-            ds.copy_from_slice(&ds_next);
-            turned.fill(0.0);
-            let sigma = channels * channels;
-            add(&mut turned, &step.sigma_slopes[i * sigma..(i + 1) * sigma], &weighted, 1.0);
-            result.gradient[i] += 0.5 * dot(&weighted, &turned) - dot(de, &weighted);
-        }
-        for i in 0..count {
-            turned.fill(0.0);
-            add(&mut turned, &step.inverse, &de[i * channels..(i + 1) * channels], 1.0);
-            for j in 0..=i {
-                result.information[(i, j)] += dot(&turned, &de[j * channels..(j + 1) * channels]);
-            }
-        }
-        s_next.copy_from_slice(drive);
-        add(&mut s_next, f, &s, 1.0);
-        add(&mut s_next, &step.gain, &e, 1.0);
-        std::mem::swap(&mut s, &mut s_next);
+impl Evaluation {
+    pub(super) fn zero(count: usize) -> Self {
+        Self { log_likelihood: 0.0, gradient: DVector::zeros(count), information: DMatrix::zeros(count, count) }
     }
-    for i in 0..count {
-        for j in 0..i {
-            result.information[(j, i)] = result.information[(i, j)];
-        }
+
+    pub(super) fn add(&mut self, other: &Self) {
+        self.log_likelihood += other.log_likelihood;
+        self.gradient += &other.gradient;
+        self.information += &other.information;
     }
-    Ok(result)
 }

@@ -2,11 +2,12 @@
 //!
 //! The centre is the user's, where every parameter has a start; otherwise the gains of the free fit of
 //! [`innovation`](crate::likelihood::innovation), where what was recorded allows one, turned into the costs that come
-//! nearest to them, or else the likeliest of many draws around the natural scales of the plant. The other starts lie
-//! around it, by at most [`SPREAD`] in each logarithm.
+//! nearest to them, or else the likeliest of many draws around the natural scales of the plant. Where nothing but draws
+//! is known the next likeliest draws that are apart from it are starts too; all others lie around the centre, by at
+//! most [`SPREAD`] in each logarithm.
 
 use super::climb::{Climbed, climb};
-use super::design::{Design, Role};
+use super::design::{Design, Plant, Role};
 use super::explanations::{coefficients_of_filter, coefficients_of_regulator};
 use super::recursion::Problem;
 use crate::ctl::{Ctl, Phase, Stopped};
@@ -18,6 +19,8 @@ use rand::RngExt;
 pub const SPREAD: f64 = 1.5;
 /// Draws that the centre is chosen from.
 const DRAWS: usize = 150;
+/// Draws that starts are taken from at most.
+const CENTRES: usize = 8;
 /// Draws lie around the natural scale of a matrix by at most this in the logarithm, all its terms together.
 const COMMON: f64 = 8.0;
 /// Samples over which the natural scales are taken.
@@ -28,6 +31,22 @@ const REACH: f64 = 18.420_680_743_952_367;
 pub const ARRIVED: f64 = 1e-3;
 /// Coefficients of gains below this share of the largest one are started there.
 const LEAST_SHARE: f64 = 1e-3;
+
+/// The matrices whose terms are drawn together.
+const ROLES: [Role; 10] = [
+    Role::StateWeight,
+    Role::PerceivedProcessNoise,
+    Role::ProcessNoise,
+    Role::MeasurementNoise,
+    Role::MotorNoise,
+    Role::TerminalWeight,
+    Role::ControlWeight,
+    Role::PerceivedMeasurementNoise,
+    Role::InitialCovariance,
+    Role::ControlDependentNoise,
+];
+/// Where noise that grows with the control is started, as a share of it.
+const GROWN: f64 = 0.3;
 
 /// The most likely parameters.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,8 +91,8 @@ pub fn fit(
     let mut stream = rng::stream(seed, "lqg fit starts");
     let natural = natural_scales(problem);
     let written: Option<Vec<f64>> = design.free().map(|term| term.start.map(f64::ln)).collect();
-    let centre = match written {
-        Some(written) => written,
+    let centres = match written {
+        Some(written) => vec![written],
         None => {
             let mut base = natural.clone();
             if let Some([k, l]) = gains {
@@ -84,17 +103,25 @@ pub fn fit(
                     put(design, role, found.as_deref(), &mut base);
                 }
             }
-            drawn(problem, &natural, &base, gains.is_some(), &mut stream, ctl)?
+            let mut centres = drawn(problem, &natural, &base, gains.is_some(), &mut stream, ctl)?;
+            if gains.is_some() {
+                centres.truncate(1);
+            }
+            centres
         }
     };
+    let centre = &centres[0];
     let bounds: Vec<[f64; 2]> = centre.iter().map(|v| [v - REACH, v + REACH]).collect();
     let free = vec![true; centre.len()];
     ctl.enter(Phase::Fit, 0.4);
     ctl.set_total(starts as u64);
     let mut climbs: Vec<Climbed> = Vec::new();
     for index in 0..starts {
-        let mut around = |v: &f64| v + if index == 0 { 0.0 } else { SPREAD * (2.0 * stream.random::<f64>() - 1.0) };
-        let start: Vec<f64> = centre.iter().map(&mut around).collect();
+        // Draws that are apart may lie on other hills.
+        let is_drawn = index < centres.len();
+        let mut around = |v: &f64| v + if is_drawn { 0.0 } else { SPREAD * (2.0 * stream.random::<f64>() - 1.0) };
+        let from = &centres[if is_drawn { index } else { 0 }];
+        let start: Vec<f64> = from.iter().map(&mut around).collect();
         climbs.extend(climb(problem, &start, &free, &bounds, ctl)?);
         ctl.advance(1);
     }
@@ -125,7 +152,7 @@ fn put(design: &Design, role: Role, found: Option<&[f64]>, into: &mut [f64]) {
     }
 }
 
-/// The likeliest draw: around the base, in all roles that it does not know.
+/// The likeliest draws, apart from each other: around the base, in all roles that it does not know.
 fn drawn(
     problem: &Problem<'_>,
     natural: &[f64],
@@ -133,19 +160,13 @@ fn drawn(
     knows_gains: bool,
     stream: &mut rng::Stream,
     ctl: &Ctl,
-) -> Result<Vec<f64>, FitError> {
+) -> Result<Vec<Vec<f64>>, FitError> {
     let design = problem.design();
     let of_gains = |role: Role| matches!(role, Role::StateWeight | Role::PerceivedProcessNoise);
-    let mut best: Option<(f64, Vec<f64>)> = None;
+    let mut all: Vec<(f64, Vec<f64>)> = Vec::new();
     ctl.set_total(DRAWS as u64);
     for index in 0..DRAWS {
-        let roles = [
-            Role::StateWeight,
-            Role::PerceivedProcessNoise,
-            Role::ProcessNoise,
-            Role::MeasurementNoise,
-            Role::MotorNoise,
-        ];
+        let roles = ROLES;
         let common = roles.map(|_| 2.0 * stream.random::<f64>() - 1.0);
         let own: Vec<f64> = base.iter().map(|_| 2.0 * stream.random::<f64>() - 1.0).collect();
         // Every third draw leaves the gains of a free fit alone, and varies the noises.
@@ -170,19 +191,25 @@ fn drawn(
         let found = problem.evaluate(&theta, false, ctl)?;
         ctl.advance(1);
         let Some(found) = found else { continue };
-        if best.as_ref().is_none_or(|(value, _)| found.log_likelihood > *value) {
-            best = Some((found.log_likelihood, theta));
+        all.push((found.log_likelihood, theta));
+    }
+    all.sort_by(|(x, _), (y, _)| y.total_cmp(x));
+    let mut apart: Vec<Vec<f64>> = Vec::new();
+    for (_, theta) in all {
+        let is_near = |other: &Vec<f64>| other.iter().zip(&theta).all(|(x, y)| (x - y).abs() <= SPREAD);
+        if apart.len() < CENTRES && !apart.iter().any(is_near) {
+            apart.push(theta);
         }
     }
-    best.map(|(_, theta)| theta).ok_or(FitError::NoStart { starts: DRAWS })
+    if apart.is_empty() { Err(FitError::NoStart { starts: DRAWS }) } else { Ok(apart) }
 }
 
 /// Logarithms of coefficients of a natural size: of Q those for which 20 samples of the states that a control leaves
-/// behind cost what it costs itself, of W_p those for which the noise of 20 samples moves the outputs as much as V_p
-/// does; V by the roughness of the recorded outputs, W and M by that of V as W_p by V_p.
+/// behind cost what it costs itself, of R the other way round, of W_p those for which the noise of 20 samples moves the
+/// outputs as much as V_p does; V by the roughness of the recorded outputs, W and M by that of V as W_p by V_p.
 fn natural_scales(problem: &Problem<'_>) -> Vec<f64> {
     let design = problem.design();
-    let plant = &design.plant;
+    let (plant, own) = (&design.plant, design.internal());
     let [_, m, p, _] = design.sizes();
     // Along Aᵏ, which may grow: what overflows is no scale.
     let gathered = |first: &DMatrix<f64>, shape: &DMatrix<f64>| {
@@ -190,11 +217,11 @@ fn natural_scales(problem: &Problem<'_>) -> Vec<f64> {
         let mut sum = 0.0;
         for _ in 0..HORIZON {
             sum += (x.tr_mul(&(shape * &x))).trace();
-            x = &plant.a * x;
+            x = &own.a * x;
         }
         sum
     };
-    let seen = |shape: &DMatrix<f64>| {
+    let seen = |plant: &Plant, shape: &DMatrix<f64>| {
         let mut x = plant.c.transpose();
         let mut sum = 0.0;
         for _ in 0..HORIZON {
@@ -204,21 +231,37 @@ fn natural_scales(problem: &Problem<'_>) -> Vec<f64> {
         sum
     };
     let rough = problem.roughness();
-    let mean_rough = rough.iter().sum::<f64>() / p as f64;
+    let mean_rough = rough.iter().sum::<f64>() / rough.len() as f64;
     let ratio = |x: f64, y: f64| if x > 0.0 && y > 0.0 { (x / y).ln() } else { 0.0 };
-    let perceived = design.perceived_measurement_noise.trace();
+    // With coefficients of one where they are not known.
+    let unit = vec![0.0; design.free().count()];
+    let sum = |role: Role, base: &DMatrix<f64>| design.sum(&unit, role, base, false).matrix();
+    let square = DMatrix::zeros(own.a.nrows(), own.a.nrows());
+    let weight = sum(Role::StateWeight, &square) + sum(Role::TerminalWeight, &square);
+    let effort = sum(Role::ControlWeight, &design.control_weight).trace() / m as f64;
+    let perceived = sum(Role::PerceivedMeasurementNoise, &design.perceived_measurement_noise).trace();
+    // An instrument apart shows other outputs than those that are sensed.
+    let of_sensed = |shape: &DMatrix<f64>| {
+        let weights = shape.diagonal();
+        if weights.len() == rough.len() {
+            let sum = weights.iter().zip(&rough).map(|(w, r)| w * r).sum::<f64>();
+            ratio(sum, weights.norm_squared())
+        } else {
+            ratio(mean_rough, shape.trace())
+        }
+    };
     design
         .free()
         .map(|term| match term.role {
-            Role::StateWeight => ratio(design.control_weight.trace() / m as f64, gathered(&plant.b, &term.shape)),
-            Role::PerceivedProcessNoise => ratio(perceived, seen(&term.shape)),
-            Role::ProcessNoise => ratio(mean_rough * p as f64, seen(&term.shape)),
-            Role::MeasurementNoise => {
-                let weights = term.shape.diagonal();
-                let sum = weights.iter().zip(&rough).map(|(w, r)| w * r).sum::<f64>();
-                ratio(sum, weights.norm_squared())
+            Role::StateWeight | Role::TerminalWeight => ratio(effort, gathered(&own.b, &term.shape)),
+            Role::ControlWeight => ratio(gathered(&own.b, &weight), term.shape.trace() / m as f64),
+            Role::PerceivedProcessNoise | Role::InitialCovariance => ratio(perceived, seen(own, &term.shape)),
+            Role::ProcessNoise => ratio(mean_rough * p as f64, seen(plant, &term.shape)),
+            Role::MeasurementNoise | Role::PerceivedMeasurementNoise => of_sensed(&term.shape),
+            Role::MotorNoise => {
+                ratio(mean_rough * p as f64, seen(plant, &(&plant.b * &term.shape * plant.b.transpose())))
             }
-            Role::MotorNoise => ratio(mean_rough * p as f64, seen(&(&plant.b * &term.shape * plant.b.transpose()))),
+            Role::ControlDependentNoise => GROWN.ln(),
         })
         .map(|v| if v.is_finite() { v } else { 0.0 })
         .collect()
