@@ -149,7 +149,7 @@ pub struct CourseResult {
 
 /// The autocorrelation of the inputs, `R(l) = Σ u(k) u(k − l)/Σ u(k)²`, dimensionless.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
-#[schemars(rename = "InputDesignAutocorrelation")]
+#[schemars(rename = "InputDesignAutocorrelationCourse")]
 pub struct AutocorrelationCourse {
     /// The lags l in samples, from 1.
     pub lag: Vec<usize>,

@@ -1,6 +1,6 @@
 //! Figures over HTTP.
 
-use crate::api::harness::{Answer, SIMULATED_TIME_S, TestServer, upload_simulated as upload};
+use crate::api::harness::{Answer, TestServer, upload_simulated as upload};
 use axum::http::header::IF_NONE_MATCH;
 use resvg::tiny_skia::Pixmap;
 use roxmltree::Document;
@@ -294,7 +294,10 @@ async fn reports_about_costs_excitations_and_designs_are_drawn() {
         ("gain_fit", json!({})),
         ("excitation_quality", json!({"include_samples": true})),
         ("compensator_design", json!({"sweep": {"count": 20}})),
-        ("input_design", json!({})),
+        (
+            "input_design",
+            json!({"limits": {"input": 1.5, "outputs": {"position": 0.8}, "autocorrelation": {"tolerance": 0.3}}}),
+        ),
     ] {
         let mut request: Value = serde_json::from_str(about(kind).example).unwrap();
         for (key, value) in change.as_object().unwrap() {

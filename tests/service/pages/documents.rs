@@ -80,10 +80,11 @@ async fn an_excitation_is_designed_beside_its_figures() {
     let peak = file.text.lines().skip(1).map(|line| line.split(',').nth(1).unwrap().parse::<f64>().unwrap().abs());
     assert_eq!(peak.fold(0.0, f64::max), 2.0);
     // MATLAB and NumPy read the same samples, and limits of the device are held against them.
-    for (form, begin) in [("mat", &b"MATLAB 5.0 MAT-file"[..]), ("npz", &b"PK\x03\x04"[..])] {
-        let answer = server.send(server.request("GET", &format!("{query}&format={form}"))).await;
+    for (form, begin) in [("mat", "MATLAB 5.0 MAT-file"), ("npz", "PK\u{3}\u{4}")] {
+        let answer = look(&server, "GET", &format!("{query}&format={form}"), &[]).await;
+        assert_eq!(answer.status, 200, "{form}");
         assert!(answer.header("content-disposition").contains(&format!("excitation.{form}")));
-        assert!(answer.bytes.starts_with(begin), "{form}");
+        assert!(answer.text.starts_with(begin), "{form}");
     }
     let limited = page(&server, &format!("{query}&position=1.5&velocity=1e9")).await;
     limited.has("✕ above the limit position reaches 2.00 of 1.50");
