@@ -140,9 +140,8 @@ fn needs(failures: u64, failed: &[AnalysisRecord], judged: &[Judged]) -> Markup 
                                 @if let Some(mend) = own.first().and_then(|one| one.problem.as_ref()?.mend.as_deref()) {
                                     ". " b { "What to do: " } (mend)
                                 }
-                                " "
-                                @if let [only] = own.as_slice() { (queue::action(only)) }
                             }
+                            @if let [only] = own.as_slice() { (queue::action(only)) }
                         }
                     }
                 }
