@@ -58,7 +58,7 @@ pub(super) fn spec_sha256(query: &mut QueryText) -> Result<Option<String>, Probl
 }
 
 /// The parameter `estimator`.
-pub(super) fn estimator(query: &mut QueryText) -> Result<Option<Estimator>, Problem> {
+pub(crate) fn estimator(query: &mut QueryText) -> Result<Option<Estimator>, Problem> {
     let names = Estimator::ALL.map(Estimator::name).join(", ");
     query.one_of("estimator", &names, |text| Estimator::ALL.into_iter().find(|e| e.name() == text))
 }
@@ -186,6 +186,9 @@ pub(crate) async fn gather(
     Ok(gathered)
 }
 
+/// The remark that excluded trials are left out.
+pub(super) const EXCLUDED_LEFT_OUT: &str = "excluded_left_out";
+
 /// Excluded trials that a remark names at most.
 const NAMED: usize = 20;
 
@@ -201,7 +204,7 @@ fn left_out(excluded: &[TrialRecord]) -> Option<Remark> {
         named.push(format!("and {more} more"));
     }
     (!excluded.is_empty()).then(|| Remark {
-        code: "excluded_left_out".to_owned(),
+        code: EXCLUDED_LEFT_OUT.to_owned(),
         message: format!("{} excluded trials are left out: {}", excluded.len(), named.join("; ")),
     })
 }

@@ -60,6 +60,7 @@ mod upload;
 pub(crate) use analyses::{check, report_text};
 pub(crate) use checks::{
     description as checked_description, display_limit as checked_display_limit, name as checked_name,
+    reason as checked_reason,
 };
 pub(crate) use comparison::{ComparisonQuery, compared};
 pub use docs::document;
@@ -68,13 +69,16 @@ pub(crate) use extract::{FromQuery, Id, Params, QueryText, off_thread};
 pub(crate) use figures::drawing;
 pub(crate) use figures::of_analysis::drawable as figures_of_analysis;
 pub(crate) use figures::of_queue::queue_figure;
-pub(crate) use figures::of_study::{mean_controllers, units_of_study};
+pub(crate) use figures::of_study::{
+    NamedPlants, mean_controllers, more_figures, naming_excluded, of_study, plants_of_study, units_of_study,
+};
 pub(crate) use figures::of_trial::Shown;
-pub(crate) use learning_inputs::{CurveQuery, Gathered, gather, gather_trial, kind_of};
+pub(crate) use learning_inputs::{CurveQuery, Gathered, estimator as asked_estimator, gather, gather_trial, kind_of};
 pub(crate) use plants::model as checked_model;
 pub(crate) use problem::{ApiError, ApiResult, HttpProblem, PROBLEM_JSON, internal};
 pub(crate) use router::router_with;
 pub use router::{openapi, router};
 pub use server::{Connections, serve};
 pub use state::{AppState, Limits};
+pub(crate) use trust::study_trust;
 pub(crate) use upload::{Preview, Wish, preview, sent_files, stand_beside};

@@ -175,7 +175,7 @@ pub(crate) async fn of_study(
 }
 
 /// The quantity of every trial of a study, from what is stored beside the reports.
-pub(in crate::api) async fn study_trust(
+pub(crate) async fn study_trust(
     state: &AppState,
     study: StudyId,
     metric: Metric,

@@ -1,8 +1,9 @@
-//! `volition figures STUDY --out DIR`: what a study offers to see, as files.
+//! `volition figures STUDY --out DIR`: what a study, or an analysis, offers to see, as files.
 
 mod like;
 
 use super::{Answer, ask, find_study};
+use crate::analysis::ids::AnalysisId;
 use crate::store::Store;
 use anyhow::{Context as _, bail};
 use clap::Args;
@@ -18,7 +19,7 @@ const REFUSED: u8 = 2;
 /// Which study, and how its figures are drawn: the parameters of `GET /v1/studies/{study}/figures/{name}`.
 #[derive(Debug, Clone, Args)]
 pub struct FiguresArgs {
-    /// The study, by id or by name.
+    /// The study, by id or by name; or an analysis, by id.
     pub study: String,
     /// The folder that the files are written to; it is made where it is not there, and files of these names are
     /// replaced.
@@ -39,8 +40,8 @@ pub struct FiguresArgs {
     /// How the controllers shown were estimated: ssid, ssid_refined, two_stimulus or prediction_error.
     #[arg(long, value_name = "NAME", default_value = "ssid")]
     pub estimator: String,
-    /// Only the figures that a publication shows, with the signals of each group's median subject: zhang2015_chapter_3
-    /// or zhang2015_chapter_5.
+    /// Only the figures that a publication shows: of a study zhang2015_chapter_3 or zhang2015_chapter_5, with each
+    /// group's median subject; of an analysis qiu2021, or priess2015_chapter_3, _4 or _5.
     #[arg(long, value_name = "NAME")]
     pub like: Option<String>,
 }
@@ -59,10 +60,36 @@ pub async fn figures(args: &FiguresArgs) -> anyhow::Result<ExitCode> {
     outcome
 }
 
-/// Every figure that the study lists.
-async fn all(store: &Store, study: &str) -> anyhow::Result<Vec<Asked>> {
-    let Answer::Body(list) = ask(store, &format!("/v1/studies/{study}/figures")).await? else {
-        bail!("the figures of the study cannot be listed");
+/// What figures are of, by id.
+enum Source {
+    Study(String),
+    Analysis(String),
+}
+
+impl Source {
+    /// The study of this id or name; the analysis of this id where there is no such study.
+    async fn find(store: &Store, wanted: &str) -> anyhow::Result<Self> {
+        if let Ok(id) = wanted.parse::<AnalysisId>()
+            && store.analysis(id).await.is_ok()
+        {
+            return Ok(Self::Analysis(wanted.to_owned()));
+        }
+        find_study(store, wanted).await.map(Self::Study)
+    }
+
+    /// Where the interface has it.
+    fn address(&self) -> String {
+        match self {
+            Self::Study(id) => format!("/v1/studies/{id}"),
+            Self::Analysis(id) => format!("/v1/analyses/{id}"),
+        }
+    }
+}
+
+/// Every figure that a study or an analysis lists.
+async fn all(store: &Store, source: &Source) -> anyhow::Result<Vec<Asked>> {
+    let Answer::Body(list) = ask(store, &format!("{}/figures", source.address())).await? else {
+        bail!("its figures cannot be listed");
     };
     let list: Value = serde_json::from_slice(&list).context("the list of figures cannot be read")?;
     let one = |figure: &Value| {
@@ -74,10 +101,10 @@ async fn all(store: &Store, study: &str) -> anyhow::Result<Vec<Asked>> {
 }
 
 async fn write(args: &FiguresArgs, store: &Store, out: &mut impl Write) -> anyhow::Result<ExitCode> {
-    let study = find_study(store, &args.study).await?;
+    let source = Source::find(store, &args.study).await?;
     let asked = match &args.like {
-        Some(name) => like::figures(store, &study, name, &args.estimator).await?,
-        None => all(store, &study).await?,
+        Some(name) => like::figures(store, &source, name, &args.estimator).await?,
+        None => all(store, &source).await?,
     };
     let query: Vec<String> =
         [("format", &args.format), ("theme", &args.theme), ("w", &args.width), ("estimator", &args.estimator)]

@@ -2,10 +2,13 @@
 
 use super::frame::Frame;
 use super::layout::{Head, Place, card, page as whole};
-use super::numbers::{ago, duration, eight, moment};
+use super::numbers::{ago, duration, eight, moment, with_interval};
 use super::queue::{action, bar};
+use super::study::estimator_name;
 use super::svg::Drawn;
+use super::trust::chip;
 use super::{problems, values, warnings};
+use crate::analysis::estimates::QuantityTrust;
 use crate::analysis::ids::AnalysisId;
 use crate::analysis::{Report, registry};
 use crate::api::{
@@ -14,6 +17,7 @@ use crate::api::{
 use crate::figure::text::three;
 use crate::jobs::Status;
 use crate::store::{AnalysisRecord, NewAnalysis};
+use crate::trust::Level;
 use axum::extract::State;
 use axum::response::{IntoResponse as _, Redirect, Response};
 use maud::{Markup, html};
@@ -37,6 +41,9 @@ const FIRST: [&str; 12] = [
     "flatness",
     "tests",
 ];
+
+/// Quantities that are listed with their trust.
+const MOST_QUANTITIES: usize = 12;
 
 /// Requests longer than this are left to the JSON.
 const MOST_REQUEST: usize = 6000;
@@ -135,6 +142,7 @@ fn kept(record: &AnalysisRecord) -> Markup {
 /// What a finished analysis has to show.
 struct Found {
     subject: String,
+    quantities: Vec<QuantityTrust>,
     report: Report,
     figures: Vec<(String, Drawn)>,
 }
@@ -142,12 +150,13 @@ struct Found {
 async fn found(state: &AppState, record: &AnalysisRecord) -> ApiResult<Found> {
     let drawable = figures_of_analysis(state, record).await?;
     let text = report_text(state, record.id).await?;
+    let quantities = state.store.trust_of_analysis(record.id).await?;
     let made = drawing(state, move || {
         let report: Report = serde_json::from_str(&text)?;
         let figures = drawable.figures(&report);
         let figures =
             figures.iter().map(|figure| (figure.name.clone(), Drawn::new(figure, WHOLE, [None, None]))).collect();
-        Ok::<_, serde_json::Error>(Found { subject: drawable.subject().to_owned(), report, figures })
+        Ok::<_, serde_json::Error>(Found { subject: drawable.subject().to_owned(), quantities, report, figures })
     });
     made.await?.map_err(|error| {
         tracing::error!(%error, analysis = %record.id, "a stored report cannot be read");
@@ -183,6 +192,7 @@ impl Found {
                 }
                 div {
                     (card("Can it be trusted?", &html! {}, &html! {
+                        (quantities(&self.quantities))
                         @if warned.is_empty() {
                             p { "It carries no warning." }
                         } @else {
@@ -193,6 +203,29 @@ impl Found {
                 }
             }
             @for (name, drawn) in &self.figures { (drawn.card(&format!("{api}/figures/{name}"), &html! {})) }
+        }
+    }
+}
+
+/// How far each quantity may be used; of several trials those that are worst first, as many as are read.
+fn quantities(all: &[QuantityTrust]) -> Markup {
+    let mut sorted: Vec<&QuantityTrust> = all.iter().collect();
+    sorted.sort_by_key(|own| std::cmp::Reverse(own.trust.level));
+    let several = all.iter().any(|own| own.position > 0);
+    html! {
+        @if !sorted.is_empty() {
+            ul.trust { @for own in sorted.iter().take(MOST_QUANTITIES) { li {
+                p {
+                    (chip(own.trust.level, own.trust.level.words())) " " (own.trust.quantity.replace('_', " "))
+                    @if let Some(estimator) = own.estimator { span.muted { " · " (estimator_name(estimator)) } }
+                    @if several { span.muted { " · trial " (own.position + 1) } }
+                    @if let Some(value) = own.value { " " b { (with_interval(value, own.interval_95)) } }
+                }
+                @if own.trust.level > Level::Ok { p.muted { (own.trust.because) } }
+            } } }
+            @if sorted.len() > MOST_QUANTITIES {
+                p.muted { (sorted.len() - MOST_QUANTITIES) " more are in " code { "/trust" } "." }
+            }
         }
     }
 }
@@ -244,10 +277,15 @@ pub(super) async fn again(
     Id(id): Id<AnalysisId>,
     Params(()): Params<()>,
 ) -> ApiResult<Response> {
+    let made = ask_again(&state, id).await?;
+    Ok(Redirect::to(&format!("/analyses/{made}")).into_response())
+}
+
+/// Asks for the same once more; what it is called.
+pub(super) async fn ask_again(state: &AppState, id: AnalysisId) -> ApiResult<AnalysisId> {
     let record = state.store.analysis(id).await?;
     let request = record.request;
     let new = off_thread(move || check(&request)).await??.new;
     let new = NewAnalysis { study: record.study, ..new };
-    let made = state.store.create_analysis(new, None).await?.into_inner();
-    Ok(Redirect::to(&format!("/analyses/{}", made.id)).into_response())
+    Ok(state.store.create_analysis(new, None).await?.into_inner().id)
 }

@@ -1,5 +1,6 @@
-//! Groups of a study side by side: what differs beyond its interval first.
+//! Groups of a study side by side: what differs beyond its interval first; or analyses, where the address names some.
 
+use super::compare_analyses;
 use super::frame::Frame;
 use super::layout::{Head, Place, card, missing, page as whole};
 use super::numbers::{count, eight, p_value, with_interval};
@@ -8,10 +9,10 @@ use super::study::{estimator_name, estimators};
 use super::svg::Drawn;
 use super::trust::{chip, symbol};
 use crate::analysis::Problem;
-use crate::analysis::ids::StudyId;
+use crate::analysis::ids::{AnalysisId, StudyId};
 use crate::api::{
-    ApiResult, AppState, ComparisonQuery, CurveQuery, FromQuery, Params, QueryText, compared, drawing, gather,
-    units_of_study,
+    ApiResult, AppState, ComparisonQuery, CurveQuery, FromQuery, Params, QueryText, asked_estimator, compared, drawing,
+    gather, units_of_study,
 };
 use crate::figure::of::learning_curves::{learning_curve, name as name_of};
 use crate::figure::text::three;
@@ -39,7 +40,9 @@ const FORMS: [(CurveForm, &str, &str); 3] = [
 
 /// What is compared.
 pub(super) struct CompareQuery {
-    study: StudyId,
+    /// Analyses, where the address names some; groups of a study elsewhere.
+    analyses: Vec<AnalysisId>,
+    study: Option<StudyId>,
     groups: Option<Vec<String>>,
     estimator: Option<Estimator>,
     curve: CurveForm,
@@ -47,9 +50,7 @@ pub(super) struct CompareQuery {
 
 impl FromQuery for CompareQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
-        let names = Estimator::ALL.map(Estimator::name).join(", ");
-        let estimator =
-            query.one_of("estimator", &names, |text| Estimator::ALL.into_iter().find(|e| e.name() == text))?;
+        let estimator = asked_estimator(query)?;
         let forms = FORMS.map(|(_, name, _)| name).join(", ");
         let form = |text: &str| FORMS.into_iter().find(|(_, name, _)| *name == text).map(|(form, ..)| form);
         let groups = query.one_of("groups", "group names, separated by commas", |text| {
@@ -57,12 +58,18 @@ impl FromQuery for CompareQuery {
             names.iter().all(|name| !name.is_empty()).then_some(names)
         })?;
         let curve = query.one_of("curve", &forms, form)?.unwrap_or_default();
-        let study = query.id("study")?.ok_or_else(|| {
-            Problem::new(crate::analysis::Code::Malformed, "which study?", "the address names none")
-                .at("query parameter study")
-                .mend("Begin on the page of a study.")
-        })?;
-        Ok(Self { study, groups, estimator, curve })
+        let analyses = compare_analyses::named(query)?;
+        let study = query.id("study")?;
+        if study.is_none() && analyses.is_empty() {
+            return Err(Problem::new(
+                crate::analysis::Code::Malformed,
+                "what is compared?",
+                "the address names nothing",
+            )
+            .at("query parameter study")
+            .mend("Begin on the page of a study, or name analyses as a and b."));
+        }
+        Ok(Self { analyses, study, groups, estimator, curve })
     }
 }
 
@@ -72,7 +79,10 @@ pub(super) async fn page(
     State(state): State<AppState>,
     Params(query): Params<CompareQuery>,
 ) -> ApiResult<Response> {
-    let study = state.store.study(query.study).await?;
+    let Some(study) = query.study.filter(|_| query.analyses.is_empty()) else {
+        return compare_analyses::page(&frame, &state, &query.analyses).await;
+    };
+    let study = state.store.study(study).await?;
     let found = estimators(&state.store, study.id).await?;
     let estimator = query.estimator.or(found.first().map(|(first, _)| *first)).unwrap_or_default();
     let asked = ComparisonQuery::by(query.groups.clone(), estimator, query.curve);

@@ -6,6 +6,7 @@ use super::numbers::count;
 use super::problems;
 use super::sentences::capital;
 use super::svg::Drawn;
+use super::trust::chip;
 use super::values;
 use super::warnings;
 use crate::analysis::inputs::library::Library;
@@ -13,8 +14,10 @@ use crate::analysis::registry::Plan;
 use crate::analysis::{Analysis as _, Code, Failure, Problem, Report, Request, excitation_quality, samples};
 use crate::api::{ApiResult, AppState, FromQuery, Params, QueryText, drawing};
 use crate::ctl::Ctl;
+use crate::exchange::write::{Sequence, mat, npz};
 use crate::figure::of::excitation::{AUTOCORRELATION, FLATNESS, SIGNAL, SPECTRUM, excitation};
 use crate::figure::text::three;
+use crate::trust::Level;
 use axum::extract::State;
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
@@ -109,8 +112,57 @@ const LIMITS: [Field; 3] = [
 pub(super) struct ExcitationQuery {
     sort: &'static Sort,
     texts: Map<String, Value>,
-    /// Whether the samples are asked for.
-    is_csv: bool,
+    /// In which form the samples are asked for, where they are.
+    file: Option<File>,
+}
+
+/// A file for the device.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum File {
+    Csv,
+    Mat,
+    Npz,
+}
+
+impl File {
+    const ALL: [Self; 3] = [Self::Csv, Self::Mat, Self::Npz];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::Mat => "mat",
+            Self::Npz => "npz",
+        }
+    }
+
+    fn title(self) -> &'static str {
+        match self {
+            Self::Csv => "CSV",
+            Self::Mat => "MATLAB",
+            Self::Npz => "NumPy",
+        }
+    }
+
+    fn media_type(self) -> &'static str {
+        match self {
+            Self::Csv => "text/csv; charset=utf-8; header=present",
+            Self::Mat => "application/x-matlab-data",
+            Self::Npz => "application/x-npz",
+        }
+    }
+
+    /// The samples of a report; every number reads back as the same double.
+    fn write(self, report: &Report) -> Result<Vec<u8>, Problem> {
+        let sequence = || {
+            let found = samples::of(report)?;
+            Ok::<_, Problem>(Sequence { sample_time_s: found.sample_time_s, columns: found.columns })
+        };
+        match self {
+            Self::Csv => samples::csv(report).map(String::into_bytes),
+            Self::Mat => Ok(mat::sequence(&sequence()?)),
+            Self::Npz => Ok(npz::sequence(&sequence()?)),
+        }
+    }
 }
 
 impl ExcitationQuery {
@@ -128,7 +180,8 @@ impl FromQuery for ExcitationQuery {
         let names = SORTS.iter().map(|sort| sort.name).collect::<Vec<_>>().join(", ");
         let sort = query.one_of("kind", &names, |text| SORTS.iter().find(|sort| sort.name == text))?;
         let sort = sort.unwrap_or(&SORTS[0]);
-        let format = query.one_of("format", "csv", |text| (text == "csv").then_some(()))?;
+        let names = File::ALL.map(File::name).join(", ");
+        let file = query.one_of("format", &names, |text| File::ALL.into_iter().find(|own| own.name() == text))?;
         // A field of another sort stays in the address when the sort is changed, and is left aside.
         let mut texts = Map::new();
         for (name, _, _, first) in SORTS.iter().flat_map(Self::fields) {
@@ -144,7 +197,7 @@ impl FromQuery for ExcitationQuery {
                 _ => {}
             }
         }
-        Ok(Self { sort, texts, is_csv: format.is_some() })
+        Ok(Self { sort, texts, file })
     }
 }
 
@@ -259,20 +312,24 @@ pub(super) async fn page(
     State(state): State<AppState>,
     Params(query): Params<ExcitationQuery>,
 ) -> ApiResult<Response> {
-    if query.is_csv {
-        let csv = drawing(&state, move || samples::csv(&query.judged()?)).await??;
+    if let Some(file) = query.file {
+        let bytes = drawing(&state, move || file.write(&query.judged()?)).await??;
+        let place = format!("attachment; filename=\"excitation.{}\"", file.name());
         let headers = [
-            (header::CONTENT_TYPE, HeaderValue::from_static("text/csv; charset=utf-8; header=present")),
-            (header::CONTENT_DISPOSITION, HeaderValue::from_static("attachment; filename=\"excitation.csv\"")),
+            (header::CONTENT_TYPE, HeaderValue::from_static(file.media_type())),
+            (
+                header::CONTENT_DISPOSITION,
+                HeaderValue::from_str(&place).unwrap_or(HeaderValue::from_static("attachment")),
+            ),
         ];
-        return Ok((headers, csv).into_response());
+        return Ok((headers, bytes).into_response());
     }
     let (query, designed) = drawing(&state, move || {
         let designed = query.judged().map(|report| {
             let title = query.sort.title;
             let figures = [SIGNAL, SPECTRUM, AUTOCORRELATION, FLATNESS].into_iter();
             let figures = figures.filter_map(|name| excitation(&report, name, title).ok());
-            let figures = figures.map(|figure| Drawn::new(&figure, BESIDE, [None, None])).collect();
+            let figures = figures.map(|figure| Drawn::with_numbers(&figure, BESIDE)).collect();
             Designed { report, figures }
         });
         (query, designed)
@@ -282,7 +339,11 @@ pub(super) async fn page(
     head.lead = html! { "What a person is moved by: choose, and see at once what it holds." };
     head.actions = html! {
         @if designed.is_ok() {
-            a.button.strong href=(frame.with("format", Some("csv"))) download { "Download for the device (CSV)" }
+            @for file in [File::Npz, File::Mat, File::Csv] {
+                a.button.strong[file == File::Csv] href=(frame.with("format", Some(file.name()))) download {
+                    @if file == File::Csv { "Download for the device (CSV)" } @else { (file.title()) }
+                }
+            }
         }
     };
     let body = html! {
@@ -372,9 +433,34 @@ fn found(report: &Report) -> Markup {
     let parts: Vec<(&str, &Value)> = parts.iter().map(|(name, value)| (name.as_str(), *value)).collect();
     html! {
         (values::list(parts.into_iter(), three))
+        (limits(report))
         @if report.warnings.is_empty() { p { "It carries no warning." } } @else {
             p { (count(report.warnings.len() as u64, "warning", "warnings")) " to read before it is played:" }
             (warnings::list(&report.warnings))
+        }
+    }
+}
+
+/// What of each limit of the device is used.
+fn limits(report: &Report) -> Markup {
+    let number = |value: &Value, at: &str| value.pointer(at).and_then(Value::as_f64);
+    let rows = LIMITS.into_iter().filter_map(|(name, title, ..)| {
+        let limit = number(&report.provenance.spec, &format!("/limits/{name}"))?;
+        let peak = number(&report.result, &format!("/motion/{name}/peak"));
+        Some((title, limit, peak))
+    });
+    let rows: Vec<(&str, f64, Option<f64>)> = rows.collect();
+    html! {
+        @if !rows.is_empty() {
+            ul.plain { @for (title, limit, peak) in rows { li {
+                @match peak {
+                    Some(peak) if peak > limit => { (chip(Level::DoNotUse, "above the limit")) " " (title) " reaches "
+                        (three(peak)) " of " (three(limit)) }
+                    Some(peak) => { (chip(Level::Ok, "within the limit")) " " (title) " reaches " (three(peak)) " of "
+                        (three(limit)) }
+                    None => { (chip(Level::NotIdentified, "not known")) " " (title) ": limit " (three(limit)) }
+                }
+            } } }
         }
     }
 }

@@ -7,6 +7,7 @@
 mod analysis;
 mod assets;
 mod compare;
+mod compare_analyses;
 mod excitation;
 mod frame;
 mod gate;

@@ -84,29 +84,54 @@
   }
 
   // ---- figures: drag to look closer; the address keeps what is seen
+  const SVG = 'http://www.w3.org/2000/svg';
+  const bounds = (svg) => [Number(svg.dataset.from), Number(svg.dataset.to)];
+  const isLogarithmic = (svg) => svg.dataset.scale === 'logarithmic';
   const place = (svg, x) => {
-    const [from, to] = [Number(svg.dataset.from), Number(svg.dataset.to)];
-    return svg.dataset.scale === 'logarithmic' ? from * (to / from) ** x : from + (to - from) * x;
+    const [from, to] = bounds(svg);
+    return isLogarithmic(svg) ? from * (to / from) ** x : from + (to - from) * x;
+  };
+  const position = (svg, value) => {
+    const [from, to] = bounds(svg);
+    return isLogarithmic(svg) ? Math.log(value / from) / Math.log(to / from) : (value - from) / (to - from);
   };
   const share = (plot, event) => {
     const box = plot.getBoundingClientRect();
     return Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
   };
-  const seen = (svg) => [Number(svg.dataset.from), Number(svg.dataset.to)];
-  const draw = async (card, from, to) => {
-    const shown = all('.plot > div', card).find((one) => one.offsetParent);
-    const old = $('svg.fig', shown);
+  const within = (svg, event) => all('.f-plot', svg).find((one) => {
+    const box = one.getBoundingClientRect();
+    return event.clientX >= box.left && event.clientX <= box.right && event.clientY >= box.top && event.clientY <= box.bottom;
+  });
+  const shown = (card) => all('.plot > div', card).find((one) => one.offsetParent);
+  const address = (card, svg, more) => {
     const url = new URL(card.dataset.address, location.href);
-    url.searchParams.set('theme', 'page');
-    url.searchParams.set('w', String(Math.max(280, Math.round(old.viewBox.baseVal.width))));
-    if (from != null) { url.searchParams.set('from', from); url.searchParams.set('to', to); }
-    const answer = await fetch(url);
-    if (!answer.ok) return;
+    url.searchParams.set('w', String(Math.max(280, Math.round(svg.viewBox.baseVal.width))));
+    for (const [name, value] of Object.entries(more)) if (value != null) url.searchParams.set(name, value);
+    return url;
+  };
+  const draw = async (card, from, to) => {
+    const old = $('svg.fig', shown(card));
+    // What is drawn already is moved at once; the exact figure comes after it.
+    if (from != null) {
+      const [a, b] = [position(old, from), position(old, to)];
+      for (const plot of all('.f-plot', old)) {
+        const width = plot.width.baseVal.value;
+        plot.classList.add('moving');
+        for (const one of plot.children) one.setAttribute('transform', `translate(${(-a * width) / (b - a)} 0) scale(${1 / (b - a)} 1)`);
+      }
+    }
+    const asked = (card.asked = (card.asked ?? 0) + 1);
+    const answer = await fetch(address(card, old, { theme: 'page', from, to }));
+    // Of two requests the later one counts, whichever comes back first.
+    if (!answer.ok || asked !== card.asked) return;
     const text = await answer.text();
     const fresh = new DOMParser().parseFromString(text, 'image/svg+xml').documentElement;
+    const hadFocus = document.activeElement === old;
+    card.numbers = undefined;
     old.replaceWith(document.adoptNode(fresh));
     handle(card, fresh);
-    if (card.contains(document.activeElement) || card.dataset.focus) fresh.focus();
+    if (hadFocus) fresh.focus();
   };
   const look = (card, from, to, keep = true) => {
     const digits = (value) => Number(value.toPrecision(6));
@@ -138,29 +163,105 @@
     const [from, to] = ['from', 'to'].map((name) => (query.has(name) ? Number(query.get(name)) : null));
     if (from == null || to == null) look(card, null, null, false); else look(card, from, to, false);
   });
+
+  // ---- the numbers of a figure: those of its JSON, asked for when somebody wants them
+  const numbers = (card, svg) => {
+    const [from, to] = bounds(svg);
+    card.numbers ??= fetch(address(card, svg, { format: 'json', theme: 'page', from, to })).then((answer) => (answer.ok ? answer.json() : null));
+    return card.numbers;
+  };
+  const digits = (value) => (value == null ? '–' : String(Number(value.toPrecision(4))).replace('-', '−'));
+  const said = (series, at) => series.notes[at] || `${series.name} ${series.y.length ? digits(series.y[at]) : `${digits(series.low[at])} to ${digits(series.high[at])}`}`;
+  const nearest = (list, value, distance) => {
+    let best = -1;
+    for (let i = 0; i < list.length; i += 1) if (best < 0 || distance(list[i], value) < distance(list[best], value)) best = i;
+    return best;
+  };
+  const crosshair = (svg, x) => {
+    for (const old of all('.crosshair', svg)) old.remove();
+    if (x == null) return;
+    for (const plot of all('.f-plot', svg)) {
+      const line = document.createElementNS(SVG, 'path');
+      line.setAttribute('class', 'crosshair');
+      line.setAttribute('d', `M${(position(svg, x) * plot.width.baseVal.value).toFixed(1)} 0v${plot.height.baseVal.value}`);
+      plot.append(line);
+    }
+  };
+  const readout = (card) => {
+    let place = $('.readout', card);
+    if (!place) {
+      place = document.createElement('p');
+      place.className = 'readout';
+      place.setAttribute('role', 'status');
+      $('.plot', card).after(place);
+    }
+    return place;
+  };
+  /** Says the values of every series at a place, and marks it. */
+  const tell = (card, svg, figure, x) => {
+    const far = isLogarithmic(svg) ? (a, b) => Math.abs(Math.log(a / b)) : (a, b) => Math.abs(a - b);
+    const values = [];
+    for (const panel of figure.panels) {
+      for (const series of panel.series) {
+        // A band says what its line does not; crosses say again what their dots say.
+        if (!series.x.length || series.mark === 'crosses' || series.mark === 'cells') continue;
+        const at = nearest(series.x, x, far);
+        if (far(series.x[at], x) <= far(...bounds(svg)) / 20) values.push(said(series, at));
+      }
+    }
+    const name = figure.x.names[Math.round(x)] ?? `${digits(x)}${figure.x.unit ? ` ${figure.x.unit}` : ''}`;
+    readout(card).textContent = `${figure.x.label} ${name}: ${values.slice(0, 24).join('; ')}`;
+    crosshair(svg, x);
+  };
+  const hush = (card, svg) => {
+    crosshair(svg, null);
+    const place = $('.readout', card);
+    if (place) place.textContent = '';
+  };
+  /** Every place that has a value, in order: what the arrows go through. */
+  const places = (svg, figure) => {
+    const [from, to] = bounds(svg);
+    const every = new Set(figure.panels.flatMap((panel) => panel.series).flatMap((series) => series.x));
+    return [...every].filter((x) => x >= from && x <= to).sort((a, b) => a - b);
+  };
+
+  const handled = new WeakSet();
   const handle = (card, svg) => {
+    if (handled.has(svg)) return;
+    handled.add(svg);
     svg.setAttribute('tabindex', '0');
-    let [band, began, plot] = [null, 0, null];
+    let [band, began, plot, reading, waits] = [null, 0, null, null, false];
     svg.addEventListener('pointerdown', (event) => {
-      plot = event.target.closest?.('.f-plot') || all('.f-plot', svg).find((one) => {
-        const box = one.getBoundingClientRect();
-        return event.clientX >= box.left && event.clientX <= box.right && event.clientY >= box.top && event.clientY <= box.bottom;
-      });
+      plot = event.target.closest?.('.f-plot') || within(svg, event);
       if (!plot || event.button) return;
       began = share(plot, event);
       svg.setPointerCapture(event.pointerId);
-      band = document.createElementNS('http://www.w3.org/2000/svg', 'rect');
+      band = document.createElementNS(SVG, 'rect');
       band.setAttribute('class', 'zoom-band');
       band.setAttribute('height', plot.height.baseVal.value);
       plot.append(band);
     });
     svg.addEventListener('pointermove', (event) => {
-      if (!band) return;
-      const [a, b] = [began, share(plot, event)].sort((x, y) => x - y);
-      const width = plot.width.baseVal.value;
-      band.setAttribute('x', a * width);
-      band.setAttribute('width', (b - a) * width);
+      if (band) {
+        const [a, b] = [began, share(plot, event)].sort((x, y) => x - y);
+        const width = plot.width.baseVal.value;
+        band.setAttribute('x', a * width);
+        band.setAttribute('width', (b - a) * width);
+        return;
+      }
+      const over = within(svg, event);
+      if (!over || event.pointerType === 'touch') { if (reading == null) hush(card, svg); return; }
+      const x = place(svg, share(over, event));
+      svg.at = x;
+      // One frame, one answer.
+      if (waits) return;
+      waits = true;
+      numbers(card, svg).then((figure) => requestAnimationFrame(() => {
+        waits = false;
+        if (figure && svg.isConnected && svg.at != null) tell(card, svg, figure, svg.at);
+      }));
     });
+    svg.addEventListener('pointerleave', () => { svg.at = null; if (reading == null) hush(card, svg); });
     svg.addEventListener('pointerup', (event) => {
       if (!band) return;
       band.remove();
@@ -169,20 +270,101 @@
       if (b - a > 0.01) look(card, place(svg, a), place(svg, b));
     });
     svg.addEventListener('dblclick', () => look(card, null, null));
-    svg.addEventListener('keydown', (event) => {
-      const [from, to] = seen(svg);
+    svg.addEventListener('blur', () => { reading = null; hush(card, svg); });
+    svg.addEventListener('keydown', async (event) => {
+      const [from, to] = bounds(svg);
       const steps = { '+': [0.25, 0.75], '-': [-0.5, 1.5], ArrowLeft: [-0.25, 0.75], ArrowRight: [0.25, 1.25] };
-      if (event.key === '0') look(card, null, null);
-      else if (steps[event.key] && to > from) look(card, ...steps[event.key].map((x) => place(svg, x)));
-      else return;
-      event.preventDefault();
-      event.stopPropagation();
+      const by = { ArrowLeft: -1, ArrowRight: 1, PageUp: -10, PageDown: 10, Home: -1e9, End: 1e9 }[event.key];
+      const stop = () => { event.preventDefault(); event.stopPropagation(); };
+      if (event.ctrlKey || event.metaKey || event.altKey) return;
+      if (event.key === 'Enter' || event.key === 'ArrowDown') {
+        stop();
+        const figure = await numbers(card, svg);
+        const list = figure ? places(svg, figure) : [];
+        if (!list.length) return;
+        reading = { figure, list, at: reading?.at ?? 0 };
+        tell(card, svg, figure, list[reading.at]);
+      } else if (event.key === 'Escape' && reading) {
+        stop();
+        reading = null;
+        hush(card, svg);
+      } else if (reading && by) {
+        stop();
+        reading.at = Math.min(reading.list.length - 1, Math.max(0, reading.at + by));
+        tell(card, svg, reading.figure, reading.list[reading.at]);
+      } else if (event.key === '0') {
+        stop();
+        look(card, null, null);
+      } else if (steps[event.key] && to > from) {
+        stop();
+        look(card, ...steps[event.key].map((x) => place(svg, x)));
+      }
     });
   };
+  const MOST_ROWS = 500;
+  const table = (card, details) => details.addEventListener('toggle', async () => {
+    if (!details.open || $('table', details)) return;
+    const figure = await numbers(card, $('svg.fig', shown(card)));
+    if (!figure) return;
+    const axis = ({ label, unit }) => (unit ? `${label} (${unit})` : label);
+    const heads = ['Panel', 'Series', axis(figure.x), 'Value', 'From', 'To', 'Trust'];
+    const rows = figure.panels.flatMap((panel) => panel.series.flatMap((series) => series.x.map((x, i) => [
+      [panel.title, axis(panel.y)].filter(Boolean).join(' · '), series.name, figure.x.names[x] ?? x, series.y[i], series.low[i], series.high[i], series.trust[i]?.replaceAll('_', ' '),
+    ])));
+    const made = document.createElement('table');
+    const row = (cells, tag) => {
+      const one = document.createElement('tr');
+      for (const text of cells) {
+        const cell = document.createElement(tag);
+        if (tag === 'th') cell.scope = 'col';
+        cell.textContent = text ?? '';
+        one.append(cell);
+      }
+      return one;
+    };
+    made.createTHead().append(row(heads, 'th'));
+    made.createTBody().append(...rows.slice(0, MOST_ROWS).map((cells) => row(cells, 'td')));
+    const box = document.createElement('div');
+    box.className = 'scroll';
+    box.tabIndex = 0;
+    box.setAttribute('role', 'region');
+    box.setAttribute('aria-label', `Numbers of ${figure.title}`);
+    box.append(made);
+    details.append(box);
+    if (rows.length > MOST_ROWS) {
+      const more = document.createElement('p');
+      more.textContent = `${rows.length - MOST_ROWS} more rows are in the CSV.`;
+      details.append(more);
+    }
+  });
   const figures = () => {
-    for (const card of all('.figure[data-address]')) for (const svg of all('svg.fig', card)) handle(card, svg);
+    for (const card of all('.figure[data-address]')) {
+      for (const svg of all('svg.fig', card)) handle(card, svg);
+      for (const details of all('details.numbers', card)) {
+        if (!handled.has(details)) table(card, details);
+        handled.add(details);
+      }
+    }
   };
   figures();
+
+  // ---- the request beside a form follows what is written in it
+  const form = $('form.fields[data-follow]');
+  if (form) {
+    let later;
+    form.addEventListener('input', () => {
+      clearTimeout(later);
+      later = setTimeout(async () => {
+        const sent = new URLSearchParams(new FormData(form));
+        sent.set('do', 'show');
+        const answer = await fetch(form.action, { method: 'POST', headers: { accept: 'text/html' }, body: sent });
+        if (!answer.ok) return;
+        const page = new DOMParser().parseFromString(await answer.text(), 'text/html');
+        const [now, then] = [$('#written'), $('#written', page)];
+        if (now && then) now.replaceWith(document.adoptNode(then));
+      }, 250);
+    });
+  }
 
   // ---- files dropped on their area are sent at once
   const drop = $('[data-drop]');
@@ -202,7 +384,7 @@
   // ---- keys
   const keys = $('.keys');
   const isOn = () => localStorage.getItem('keys') !== 'off';
-  const list = [['g h', 'studies'], ['g q', 'queue'], ['g u', 'upload'], ['j k', 'next and previous row'], ['Enter', 'open the row'], ['[ ]', 'trial before and after'], ['t', 'theme'], ['+ − 0 ← →', 'in a figure: closer, wider, whole, left, right'], ['?', 'these keys'], ['Esc', 'close']];
+  const list = [['g h', 'studies'], ['g q', 'queue'], ['g u', 'upload'], ['j k', 'next and previous row'], ['Enter', 'open the row'], ['[ ]', 'trial before and after'], ['t', 'theme'], ['+ − 0 ← →', 'in a figure: closer, wider, whole, left, right'], ['Enter', 'in a figure: its values, with ← →; Esc ends'], ['/', 'first field'], ['?', 'these keys'], ['Esc', 'close']];
   const dialog = document.createElement('dialog');
   const help = document.createElement('dl');
   for (const [key, what] of list) {
@@ -252,6 +434,7 @@
     else if (event.key === 'j') step(1);
     else if (event.key === 'k') step(-1);
     else if (event.key === '?') dialog.showModal();
+    else if (event.key === '/') $('main input:not([type=hidden]), main select')?.focus();
     else if (event.key === '[') $('[data-trial=before]')?.click();
     else if (event.key === ']') $('[data-trial=after]')?.click();
     else return;

@@ -1,15 +1,17 @@
 //! What is computed, what waits, what failed, what was done lately.
 
+use super::analysis;
 use super::frame::Frame;
 use super::layout::{Head, Place, card, page as whole};
 use super::numbers::{ago, duration, moment};
 use super::svg::Drawn;
 use crate::analysis::ids::AnalysisId;
+use crate::analysis::{Code, Problem};
 use crate::api::{ApiResult, AppState, Params, drawing, queue_figure};
 use crate::jobs::Status;
 use crate::store::{AnalysisRecord, FirstTrial};
-use axum::extract::State;
-use axum::response::Response;
+use axum::extract::{Form, State};
+use axum::response::{IntoResponse as _, Redirect, Response};
 use maud::{Markup, html};
 use std::collections::BTreeMap;
 
@@ -68,15 +70,24 @@ fn part(title: &str, status: Status, all: u64, rows: &[AnalysisRecord], named: &
         return card(title, &more, &html! { p { "Nothing is computed at the moment." } });
     }
     let is_done = status.is_final();
+    // Boxes belong to a form of their own, since each row has one already.
+    let form = format!("many-{}", status.name());
+    let (verb, words) = verb(status);
     card(
         title,
         &more,
         &html! {
+            @if rows.len() > 1 {
+                form.inline id=(form) method="post" action="/queue" {
+                    button type="submit" name="do" value=(verb) { (words) " those that are ticked" }
+                }
+            }
             div.scroll tabindex="0" role="region" aria-label=(title) {
                 table {
                     caption.hidden { (title) }
                     thead {
                         tr {
+                            @if rows.len() > 1 { th scope="col" { span.hidden { "Ticked" } } }
                             th scope="col" { "Analysis" }
                             th scope="col" { "Of" }
                             th scope="col" { @if is_done { "Ended" } @else { "Progress" } }
@@ -85,17 +96,68 @@ fn part(title: &str, status: Status, all: u64, rows: &[AnalysisRecord], named: &
                             th scope="col" { "Action" }
                         }
                     }
-                    tbody { @for analysis in rows { (row(analysis, named.get(&analysis.id))) } }
+                    tbody { @for analysis in rows {
+                        (row(analysis, named.get(&analysis.id), (rows.len() > 1).then_some(form.as_str())))
+                    } }
                 }
             }
         },
     )
 }
 
-fn row(analysis: &AnalysisRecord, named: Option<&FirstTrial>) -> Markup {
+/// What can be done with analyses of a status: the name of the action, and its words.
+fn verb(status: Status) -> (&'static str, &'static str) {
+    match status {
+        Status::Queued | Status::Running => ("cancel", "Cancel"),
+        _ => ("again", "Run again"),
+    }
+}
+
+/// What is asked of the analyses that are ticked.
+pub(super) async fn act(
+    State(state): State<AppState>,
+    Params(()): Params<()>,
+    Form(pairs): Form<Vec<(String, String)>>,
+) -> ApiResult<Response> {
+    let of = |wanted: &'static str| pairs.iter().filter(move |own| own.0 == wanted).map(|own| own.1.as_str());
+    let ids: Result<Vec<AnalysisId>, Problem> = of("id")
+        .take(MOST as usize)
+        .map(|id| {
+            let bad =
+                || Problem::new(Code::Malformed, "not an id", "an analysis has another form of id").at("field id");
+            id.parse().map_err(|_| bad())
+        })
+        .collect();
+    let verb = of("do").next().unwrap_or_default();
+    for id in ids? {
+        match verb {
+            "cancel" => {
+                state.store.request_cancel(id).await?;
+            }
+            "again" => {
+                analysis::ask_again(&state, id).await?;
+            }
+            _ => {
+                return Err(Problem::new(
+                    Code::Malformed,
+                    "nothing to do",
+                    "the form asks for neither cancel nor again",
+                )
+                .at("field do")
+                .into());
+            }
+        }
+    }
+    Ok(Redirect::to("/queue").into_response())
+}
+
+fn row(analysis: &AnalysisRecord, named: Option<&FirstTrial>, ticked: Option<&str>) -> Markup {
     let AnalysisRecord { id, kind, status, attempts, created_at, finished_at, problem, .. } = analysis;
     html! {
         tr data-analysis=(id) {
+            @if let Some(form) = ticked {
+                td { input type="checkbox" name="id" value=(id) form=(form) aria-label={ "Tick " (kind.name()) } ; }
+            }
             th scope="row" { a href={ "/analyses/" (id) } { (kind.name()) } }
             td {
                 @match named {
@@ -121,10 +183,7 @@ fn row(analysis: &AnalysisRecord, named: Option<&FirstTrial>) -> Markup {
 
 /// Cancelling, or asking again.
 pub(super) fn action(analysis: &AnalysisRecord) -> Markup {
-    let (verb, words) = match analysis.status {
-        Status::Queued | Status::Running => ("cancel", "Cancel"),
-        _ => ("again", "Run again"),
-    };
+    let (verb, words) = verb(analysis.status);
     html! {
         @if analysis.cancel_requested && !analysis.status.is_final() { "is being cancelled" } @else {
             form.inline method="post" action={ "/analyses/" (analysis.id) "/" (verb) } {

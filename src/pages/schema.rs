@@ -157,7 +157,7 @@ mod tests {
         let of = |name: &str| found.iter().find(|field| field.name == name).unwrap();
         assert_eq!(of("band_hz").input, Input::Numbers);
         assert_eq!(of("band_hz").value("0.02, 0.5").unwrap(), Some(serde_json::json!([0.02, 0.5])));
-        assert!(of("band_hz").value("0.02; 0.5").is_err());
+        assert_eq!(of("band_hz").value("0.02; 0.5").unwrap_err(), "'0.02; 0.5' is not a number");
         assert_eq!(of("autoregressive_order").value(" 8 ").unwrap(), Some(Value::from(8)));
         assert_eq!(of("autoregressive_order").value("8.5").unwrap_err(), "'8.5' is not a whole number");
         assert_eq!(of("preview_s").value("").unwrap(), None);

@@ -158,7 +158,12 @@ pub(super) async fn send(
     let about = query.about()?;
     let fields = fields(about);
     let mut filled = Filled::read(&query, &fields, &pairs);
-    let is_asked = pairs.iter().any(|(name, value)| name == "do" && value == "start");
+    let is = |wanted: &str| pairs.iter().any(|(name, value)| name == "do" && value == wanted);
+    let is_asked = is("start");
+    // Only shown, while somebody writes.
+    if is("show") {
+        return show(&frame, &state, &query, about, &fields, &filled).await;
+    }
     if let (true, Some(request)) = (filled.wrong.is_empty(), filled.request.clone()) {
         match asked(&state, &query, request, is_asked).await {
             Ok(Some(place)) => return Ok(Redirect::to(&place).into_response()),
@@ -246,7 +251,7 @@ async fn show(
         }
         div.sided {
             (card("How", &html! {}, &form(query, fields, filled)))
-            (card("The same as JSON", &html! {}, &written(query, filled)))
+            div #written { (card("The same as JSON", &html! {}, &written(query, filled))) }
         }
     };
     Ok(whole(frame, &head, &body))
@@ -277,7 +282,7 @@ fn form(query: &StartQuery, fields: &[Field], filled: &Filled) -> Markup {
         (rest.split('/').next() == Some(name)).then(|| filled.problem.as_ref().map_or("", |own| own.detail.as_str()))
     };
     html! {
-        form.fields method="post" action=(query.address()) {
+        form.fields method="post" action=(query.address()) data-follow {
             @if query.inputs().is_none() {
                 (area("inputs", "Inputs", "What it is computed from, as JSON.", &filled.inputs, wrong("inputs")))
             }

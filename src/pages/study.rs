@@ -10,8 +10,8 @@ use super::trust::{self, symbol};
 use crate::analysis::Problem;
 use crate::analysis::ids::StudyId;
 use crate::api::{
-    ApiResult, AppState, CurveQuery, FromQuery, Gathered, Id, Params, QueryText, drawing, gather, kind_of,
-    mean_controllers, units_of_study,
+    ApiResult, AppState, CurveQuery, FromQuery, Gathered, Id, NamedPlants, Params, QueryText, asked_estimator, drawing,
+    gather, kind_of, mean_controllers, more_figures, naming_excluded, of_study, plants_of_study, units_of_study,
 };
 use crate::figure::of::Units;
 use crate::figure::of::learning_curves::{METRICS, learning_curve, name as name_of, title};
@@ -37,7 +37,7 @@ const SHOWN: [Metric; 2] = [Metric::MeanAbsError, Metric::NormFeedforwardPlantMi
 pub(super) struct StudyQuery {
     estimator: Option<Estimator>,
     quantity: Option<Metric>,
-    figure: Option<Metric>,
+    figure: Option<&'static str>,
 }
 
 fn metric(query: &mut QueryText, name: &'static str) -> Result<Option<Metric>, Problem> {
@@ -47,12 +47,14 @@ fn metric(query: &mut QueryText, name: &'static str) -> Result<Option<Metric>, P
 
 impl FromQuery for StudyQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
-        let names = Estimator::ALL.map(Estimator::name).join(", ");
-        let find = |text: &str| Estimator::ALL.into_iter().find(|e| e.name() == text);
         Ok(Self {
-            estimator: query.one_of("estimator", &names, find)?,
+            estimator: asked_estimator(query)?,
             quantity: metric(query, "quantity")?,
-            figure: metric(query, "figure")?,
+            figure: query.one_of(
+                "figure",
+                &more_figures().map(|(name, _)| name).collect::<Vec<_>>().join(", "),
+                |text| more_figures().map(|(name, _)| name).find(|name| *name == text),
+            )?,
         })
     }
 }
@@ -107,13 +109,22 @@ fn answers(gathered: &Gathered) -> Vec<(Estimator, u64)> {
     Estimator::ALL.into_iter().map(|estimator| (estimator, of(estimator))).filter(|(_, trials)| *trials > 0).collect()
 }
 
-fn show(mut gathered: Gathered, estimator: Estimator, quantity: Metric, more: Option<Metric>, units: &Units) -> Shown {
+fn show(
+    mut gathered: Gathered,
+    estimator: Estimator,
+    quantity: Metric,
+    more: Option<&'static str>,
+    (units, plants): (&Units, &NamedPlants),
+) -> Shown {
     let options = CurveQuery::by(estimator).options();
     let curves = study_learning_curves(&gathered.subjects, &options);
-    let draw = |metric, width| Drawn::new(&learning_curve(&curves, metric, units), width, [None, None]);
+    let named = |figure| naming_excluded(figure, &gathered.remarks);
+    let draw = |metric, width| Drawn::new(&named(learning_curve(&curves, metric, units)), width, [None, None]);
     let has_any = gathered.subjects.iter().flat_map(|s| &s.trials).any(|t| !t.identifications.is_empty());
-    let bode =
-        has_any.then(|| Drawn::new(&mean_controllers(&gathered, TrialSelection::Last, &options), WHOLE, [None, None]));
+    let bode = has_any.then(|| named(mean_controllers(&gathered, TrialSelection::Last, &options)));
+    let bode = bode.map(|figure| Drawn::new(&figure, WHOLE, [None, None]));
+    // What a study has nothing for is not drawn, and its link says so by leading nowhere new.
+    let more = more.and_then(|name| of_study(name, &gathered, &options, units, plants).ok());
     let mut remarks = curves.remarks.clone();
     let shown = Shown {
         found: answers(&gathered),
@@ -125,7 +136,7 @@ fn show(mut gathered: Gathered, estimator: Estimator, quantity: Metric, more: Op
             .map(|metric| draw(metric, HALF))
             .collect(),
         bode: bode.filter(|drawn| !drawn.is_empty()),
-        more: more.filter(|metric| !SHOWN.contains(metric)).map(|metric| draw(metric, WHOLE)),
+        more: more.map(|figure| Drawn::new(&figure, WHOLE, [None, None])),
         remarks: Vec::new(),
         curves,
     };
@@ -154,7 +165,8 @@ pub(super) async fn page(
     let units = units_of_study(&state, id).await?;
     let running = state.store.run_progress(id, &crate::store::RunFilter::default()).await?;
     let more = query.figure;
-    let shown = drawing(&state, move || show(gathered, estimator, quantity, more, &units)).await?;
+    let plants = plants_of_study(&state, id).await?;
+    let shown = drawing(&state, move || show(gathered, estimator, quantity, more, (&units, &plants))).await?;
 
     let api = format!("/v1/studies/{id}");
     let mut head = Head::new(Place::Studies, &study.name);
@@ -228,7 +240,7 @@ fn choice(frame: &Frame, found: &[(Estimator, u64)], shown: Estimator) -> Markup
     }
 }
 
-fn drawings(frame: &Frame, api: &str, shown: &Shown, estimator: Estimator, more: Option<Metric>) -> Markup {
+fn drawings(frame: &Frame, api: &str, shown: &Shown, estimator: Estimator, more: Option<&str>) -> Markup {
     let address = |name: &str| format!("{api}/figures/{name}?estimator={}", estimator.name());
     html! {
         div.pair {
@@ -239,14 +251,21 @@ fn drawings(frame: &Frame, api: &str, shown: &Shown, estimator: Estimator, more:
         @if let Some(bode) = &shown.bode { (bode.card(&address(mean_bode::NAME), &html! {})) }
         nav.choice aria-label="More figures" {
             "More: "
-            @for metric in METRICS.into_iter().filter(|metric| !SHOWN.contains(metric)) {
-                a href={ (frame.with("figure", Some(name_of(metric)))) "#more" }
-                    aria-current=[(more == Some(metric)).then_some("true")] { (title(metric)) }
+            @for (name, title) in more_figures().filter(|(name, _)| SHOWN.iter().all(|own| name_of(*own) != *name)) {
+                a href={ (frame.with("figure", Some(name))) "#more" }
+                    aria-current=[(more == Some(name)).then_some("true")] { (title) }
                 " "
             }
         }
-        @if let Some((metric, drawn)) = more.zip(shown.more.as_ref()) {
-            div #more { (drawn.card(&address(name_of(metric)), &html! {})) }
+        @if let Some(name) = more {
+            div #more {
+                @match &shown.more {
+                    Some(drawn) => { (drawn.card(&address(name), &html! {})) }
+                    None => { (missing("Nothing to draw", "The study has nothing for this figure.", &html! {
+                        a href=(frame.with("figure", None)) { "Back to the study" }
+                    })) }
+                }
+            }
         }
     }
 }

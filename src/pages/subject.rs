@@ -7,15 +7,16 @@ use super::study::{estimator_name, estimators};
 use super::svg::Drawn;
 use super::trust::{chip, symbol};
 use crate::analysis::Problem;
-use crate::analysis::ids::SubjectId;
+use crate::analysis::ids::{StudyId, SubjectId};
 use crate::api::{
-    ApiResult, AppState, CurveQuery, FromQuery, Gathered, Id, Params, QueryText, drawing, gather, units_of_study,
+    ApiResult, AppState, CurveQuery, FromQuery, Gathered, Id, Params, QueryText, asked_estimator, drawing, gather,
+    naming_excluded, units_of_study,
 };
 use crate::figure::of::Units;
-use crate::figure::of::learning_curves::{learning_curve, name as name_of};
+use crate::figure::of::learning_curves::{learning_curve_of, name as name_of};
 use crate::figure::text::three;
 use crate::learning::curves::{CurvePoint, Metric, PlantCurve};
-use crate::learning::{Estimator, StudyLearningCurves, study_learning_curves};
+use crate::learning::{Estimator, StudyLearningCurves, SubjectInput, study_learning_curves};
 use crate::trust::Level;
 use axum::extract::State;
 use axum::response::Response;
@@ -35,9 +36,7 @@ pub(super) struct SubjectQuery {
 
 impl FromQuery for SubjectQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
-        let names = Estimator::ALL.map(Estimator::name).join(", ");
-        let find = |text: &str| Estimator::ALL.into_iter().find(|e| e.name() == text);
-        Ok(Self { estimator: query.one_of("estimator", &names, find)? })
+        Ok(Self { estimator: asked_estimator(query)? })
     }
 }
 
@@ -63,13 +62,16 @@ pub(super) async fn page(
     let found = estimators(&state.store, study.id).await?;
     let first = found.first().map(|(estimator, _)| *estimator);
     let estimator = query.estimator.or(first).unwrap_or_default();
-    let gathered = gather(&state, study.id, Some(subject.clone()), None, &CurveQuery::by(estimator)).await?;
+    // The person is seen before its group; those without one are a group too, but among everybody.
+    let gathered = gather(&state, study.id, None, subject.group.clone(), &CurveQuery::by(estimator)).await?;
     let units = units_of_study(&state, study.id).await?;
-    let trials: usize = gathered.subjects.iter().map(|subject| subject.trials.len()).sum();
+    let is_own = |own: &&SubjectInput| own.subject == id.to_string();
+    let trials: usize = gathered.subjects.iter().filter(is_own).map(|subject| subject.trials.len()).sum();
     let metrics: Vec<Metric> = QUANTITIES.into_iter().take(if first.is_some() { 2 } else { 1 }).collect();
     let drawn = drawing(&state, {
         let metrics = metrics.clone();
-        move || draw(&gathered, estimator, &metrics, &units)
+        let own = id.to_string();
+        move || draw(&gathered, estimator, &own, &metrics, &units)
     });
     let (curves, figures) = drawn.await?;
 
@@ -91,11 +93,11 @@ pub(super) async fn page(
         } @else {
             div.pair {
                 @for (metric, drawn) in metrics.iter().zip(&figures) {
-                    (own_card(drawn, study.id.to_string().as_str(), *metric, estimator, &numbers))
+                    (own_card(drawn, study.id, id, *metric, estimator, &numbers))
                 }
             }
             @for group in &curves.groups {
-                @for own in &group.subjects { (table(&own.curve)) }
+                @for own in group.subjects.iter().filter(|own| own.subject == id.to_string()) { (table(&own.curve)) }
             }
             (attributes(&subject.attributes))
         }
@@ -104,20 +106,31 @@ pub(super) async fn page(
 }
 
 /// A figure of one subject; its numbers are those of its learning curves.
-fn own_card(drawn: &Drawn, study: &str, metric: Metric, estimator: Estimator, numbers: &str) -> Markup {
+fn own_card(
+    drawn: &Drawn,
+    study: StudyId,
+    subject: SubjectId,
+    metric: Metric,
+    estimator: Estimator,
+    numbers: &str,
+) -> Markup {
     let all = format!("/v1/studies/{study}/figures/{}?estimator={}", name_of(metric), estimator.name());
-    drawn.plain(&html! { p.files { a href=(all) { "with all subjects" } " " a href=(numbers) { "JSON" } } })
+    let more = html! { p.files { a href=(numbers) { "learning curves" } } };
+    drawn.card(&format!("{all}&subject={subject}"), &more)
 }
 
 fn draw(
     gathered: &Gathered,
     estimator: Estimator,
+    subject: &str,
     metrics: &[Metric],
     units: &Units,
 ) -> (StudyLearningCurves, Vec<Drawn>) {
     let options = CurveQuery::by(estimator).options();
     let curves = study_learning_curves(&gathered.subjects, &options);
-    let of = |metric: &Metric| Drawn::new(&learning_curve(&curves, *metric, units), HALF, [None, None]);
+    let named = |figure| naming_excluded(figure, &gathered.remarks);
+    let of =
+        |metric: &Metric| Drawn::new(&named(learning_curve_of(&curves, subject, *metric, units)), HALF, [None, None]);
     let figures = metrics.iter().map(of).collect();
     (curves, figures)
 }

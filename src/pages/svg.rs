@@ -9,6 +9,9 @@ use maud::{Markup, html};
 /// shows one.
 const NARROW: u32 = 360;
 
+/// Rows of numbers that stand in a page itself, of figures that have no address of their own.
+const MOST_ROWS: usize = 200;
+
 /// A figure, drawn for both sorts of screen.
 pub(super) struct Drawn {
     name: String,
@@ -17,6 +20,8 @@ pub(super) struct Drawn {
     wide: String,
     narrow: String,
     is_empty: bool,
+    /// What is drawn on a wide screen, of figures without an address: their numbers stand in the page.
+    numbers: Option<Figure>,
 }
 
 /// The part of the x axis that is looked at.
@@ -40,7 +45,14 @@ impl Drawn {
             wide: of(width),
             narrow: of(NARROW),
             is_empty: figure.panels.iter().all(|panel| panel.series.iter().all(crate::figure::Series::is_empty)),
+            numbers: None,
         }
+    }
+
+    /// The same with its numbers, for a figure that is not to be had elsewhere.
+    pub(super) fn with_numbers(figure: &Figure, width: u32) -> Self {
+        let drawing = Drawing { width, theme: Theme::Page, from: None, to: None };
+        Self { numbers: figure.drawn(&drawing).ok(), ..Self::new(figure, width, [None, None]) }
     }
 
     /// Whether there is nothing to see.
@@ -50,7 +62,12 @@ impl Drawn {
 
     /// The figure as a card without files of its own.
     pub(super) fn plain(&self, more: &Markup) -> Markup {
-        html! { section.card.figure data-name=(self.name) { div.card-head { h2 { (self.title) } (more) } (self.plot()) }
+        html! {
+            section.card.figure data-name=(self.name) {
+                div.card-head { h2 { (self.title) } (more) }
+                (self.plot())
+                @if let Some(figure) = &self.numbers { (table(figure)) }
+            }
         }
     }
 
@@ -97,7 +114,44 @@ impl Drawn {
                     }
                 }
                 (self.plot())
+                // Filled by the script when it is opened; without it, the numbers are those of the CSV.
+                details.numbers {
+                    summary { "Data as a table" }
+                    p.muted { "The numbers that are drawn: " a href=(link("csv")) { "CSV of " (self.title) } }
+                }
             }
+        }
+    }
+}
+
+/// The numbers of a figure as a table.
+fn table(figure: &Figure) -> Markup {
+    let number = |value: Option<&Option<f64>>| value.copied().flatten().map_or_else(String::new, |own| own.to_string());
+    let rows = figure.panels.iter().flat_map(|panel| {
+        panel.series.iter().flat_map(move |series| (0..series.x.len()).map(move |at| (panel, series, at)))
+    });
+    let all = rows.clone().count();
+    html! {
+        details.numbers {
+            summary { "Data as a table" }
+            div.scroll tabindex="0" role="region" aria-label={ "Numbers of " (figure.title) } {
+                table {
+                    thead { tr {
+                        @for head in ["Panel", "Series", figure.x.text().as_str(), "Value", "From", "To"] {
+                            th scope="col" { (head) }
+                        }
+                    } }
+                    tbody { @for (panel, series, at) in rows.take(MOST_ROWS) { tr {
+                        td { (panel.y.text()) }
+                        td { (series.name) }
+                        td { (series.x[at]) }
+                        td { (number(series.y.get(at))) }
+                        td { (number(series.low.get(at))) }
+                        td { (number(series.high.get(at))) }
+                    } } }
+                }
+            }
+            @if all > MOST_ROWS { p.muted { "The first " (MOST_ROWS) " of " (all) " rows." } }
         }
     }
 }

@@ -11,18 +11,18 @@ use super::warnings;
 use crate::analysis::ids::{AnalysisId, TrialId};
 use crate::analysis::{Problem, Report};
 use crate::api::{
-    ApiResult, AppState, CurveQuery, FromQuery, Gathered, Id, Params, QueryText, Shown, drawing, figures_of_analysis,
-    gather_trial, internal, report_text,
+    ApiResult, AppState, CurveQuery, FromQuery, Gathered, Id, Params, QueryText, Shown, asked_estimator,
+    checked_description, checked_reason, drawing, figures_of_analysis, gather_trial, internal, report_text,
 };
 use crate::figure::of::plant_check::{self, plant_check};
 use crate::figure::of::signals::{self, signals};
 use crate::figure::text::three;
 use crate::learning::curves::{CurvePoint, Metric};
 use crate::learning::{Estimator, study_learning_curves};
-use crate::store::{AnalysisFilter, AnalysisRecord, Page, TrialRecord};
+use crate::store::{AnalysisFilter, AnalysisRecord, Page, TrialPatch, TrialRecord};
 use crate::trust::Level;
-use axum::extract::State;
-use axum::response::Response;
+use axum::extract::{Form, State};
+use axum::response::{IntoResponse as _, Redirect, Response};
 use maud::{Markup, html};
 
 /// Widths of figures in pixels: beside the panel of trust, and of the whole page.
@@ -41,12 +41,10 @@ pub(super) struct TrialQuery {
 
 impl FromQuery for TrialQuery {
     fn from_query(query: &mut QueryText) -> Result<Self, Problem> {
-        let names = Estimator::ALL.map(Estimator::name).join(", ");
-        let find = |text: &str| Estimator::ALL.into_iter().find(|e| e.name() == text);
         Ok(Self {
             view: [query.number("from")?, query.number("to")?],
             analysis: query.id("analysis")?,
-            estimator: query.one_of("estimator", &names, find)?,
+            estimator: asked_estimator(query)?,
         })
     }
 }
@@ -185,8 +183,51 @@ pub(super) async fn page(
             }
         }
         (list(&analyses, chosen.as_ref()))
+        (remarks(record))
     };
     Ok(whole(&frame, &head, &body))
+}
+
+/// What a scientist says of the trial, to be changed.
+fn remarks(record: &TrialRecord) -> Markup {
+    let reason = record.excluded.as_deref().unwrap_or_default();
+    card(
+        "Said of this trial",
+        &html! {},
+        &html! {
+            form.fields method="post" action={ "/trials/" (record.id) "/remarks" } {
+                div.field {
+                    label for="note" { "Note" }
+                    textarea #note name="note" rows="2" { (record.note) }
+                }
+                div.field {
+                    label for="excluded" { "Leave it out, because" }
+                    p.muted #excluded-hint {
+                        "With a reason the trial is left out of curves, means and comparisons, and named where it is; \
+                         empty: it is taken in. The recording and everything computed from it stay."
+                    }
+                    input type="text" #excluded name="excluded" value=(reason) aria-describedby="excluded-hint";
+                }
+                p { button type="submit" { "Keep" } }
+            }
+        },
+    )
+}
+
+/// Keeps what was said of a trial, and shows it.
+pub(super) async fn keep_remarks(
+    State(state): State<AppState>,
+    Id(id): Id<TrialId>,
+    Params(()): Params<()>,
+    Form(pairs): Form<Vec<(String, String)>>,
+) -> ApiResult<Response> {
+    let text = |name: &str| pairs.iter().find(|(own, _)| own == name).map_or("", |(_, text)| text.as_str()).trim();
+    let reason = text("excluded");
+    let excluded = if reason.is_empty() { None } else { Some(checked_reason(reason, "field excluded")?) };
+    let note = checked_description(text("note"), "field note")?;
+    let patch = TrialPatch { note: Some(note), excluded: Some(excluded), ..TrialPatch::default() };
+    state.store.change::<TrialRecord>(id, patch, None).await?;
+    Ok(Redirect::to(&format!("/trials/{id}")).into_response())
 }
 
 fn trial_name(shown: &Shown) -> String {
@@ -224,6 +265,7 @@ fn panel(
 ) -> Markup {
     let Judged { estimator, point, gathered } = judged;
     let recording = match (record.divergent, record.warnings.is_empty()) {
+        _ if record.excluded.is_some() => (Level::DoNotUse, "somebody excluded it"),
         (true, _) => (Level::DoNotUse, "the output passed the display limit"),
         (false, false) => (Level::Read, "read the warnings of its upload"),
         (false, true) => (Level::Ok, "even sample time, no gap"),
@@ -290,6 +332,10 @@ fn list(analyses: &[AnalysisRecord], chosen: Option<&AnalysisRecord>) -> Markup 
                             @else if analysis.status == crate::jobs::Status::Succeeded {
                                 " · " a href={ "?analysis=" (analysis.id) }
                                     { "show" span.hidden { " " (analysis.kind.name()) } }
+                                @if let Some(chosen) = chosen {
+                                    " · " a href={ "/compare?a=" (chosen.id) "&b=" (analysis.id) }
+                                        { "compare" span.hidden { " " (analysis.kind.name()) } " with the one shown" }
+                                }
                             }
                         }
                     }

@@ -117,7 +117,7 @@ class Page {
 
   async press(key, code = key) {
     const text = key.length === 1 ? key : key === 'Enter' ? '\r' : undefined;
-    const codes = { Enter: 13, Tab: 9, Escape: 27, ArrowRight: 39, ArrowLeft: 37 };
+    const codes = { Enter: 13, Tab: 9, Escape: 27, ArrowRight: 39, ArrowLeft: 37, ArrowDown: 40, Home: 36, End: 35 };
     const own = { key, code, text, windowsVirtualKeyCode: codes[key] };
     await this.send('Input.dispatchKeyEvent', { type: 'keyDown', ...own });
     await this.send('Input.dispatchKeyEvent', { type: 'keyUp', ...own });

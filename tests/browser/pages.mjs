@@ -42,12 +42,13 @@ const pages = [
   ['no-such-page', empty, '/nowhere'], ['not-an-id', empty, '/trials/7'],
   ['home', filled, '/'], ['queue', filled, '/queue'],
   ['study', filled, `/studies/${found.first}`], ['study-pool', filled, `/studies/${found.first}?estimator=ssid&quantity=norm_feedback&figure=norm_feedback`],
-  ['study-two-stimuli', filled, `/studies/${found.second}`],
+  ['study-two-stimuli', filled, `/studies/${found.second}`], ['study-practice', filled, `/studies/${found.first}?figure=bode_practice`],
+  ['study-plants', filled, `/studies/${found.first}?figure=plants`], ['study-nothing', filled, `/studies/${found.first}?figure=divergent`],
   ['subject', filled, `/subjects/${found.subject}`], ['trial', filled, `/trials/${last}`],
   ['trial-zoomed', filled, `/trials/${last}?from=20&to=25`],
   ['start', filled, `/analyses/new?kind=ssid&trial=${last}`], ['start-study', filled, `/analyses/new?study=${found.first}`],
-  ['compare', filled, `/compare?study=${found.first}&curve=trials`], ['report', filled, `/studies/${found.first}/report`],
-  ['excitation', filled, '/excitation'], ['excitation-multisine', filled, '/excitation?kind=multisine'], ['excitation-wrong', empty, '/excitation?order=1'],
+  ['compare-analyses', filled, `/compare?a=${found.pool}&b=${found.error}`], ['compare', filled, `/compare?study=${found.first}&curve=trials`], ['report', filled, `/studies/${found.first}/report`],
+  ['excitation', filled, '/excitation'], ['excitation-multisine', filled, '/excitation?kind=multisine'], ['excitation-wrong', empty, '/excitation?order=1'], ['excitation-limits', filled, '/excitation?position=0.8&velocity=100&acceleration=100'],
   ['upload', filled, '/upload'], ['upload-study', filled, `/upload?study=${found.first}`], ['empty-upload', empty, '/upload'],
   ['analysis-pool', filled, `/analyses/${found.pool}`], ['analysis-error', filled, `/analyses/${found.error}`],
 ];
@@ -107,6 +108,51 @@ for (const width of [1280, 400]) {
   await page.value("document.querySelector('.wide svg.fig').focus()");
   await page.press('+');
   await page.until(`${from} > 10`, 'the key + looks closer');
+  assert.deepEqual(page.errors, []);
+  await page.close();
+}
+
+// ---- under the pointer, and by keyboard, every series says its value; the same numbers stand in a table
+{
+  const page = await browser.page(1280, 'light');
+  await page.go(`${filled}/trials/${last}`);
+  const [x, y, width] = await page.value("(() => { const b = document.querySelector('.wide .f-plot').getBoundingClientRect(); return [b.x, b.y + b.height / 2, b.width] })()");
+  const box = "document.querySelector('.figure[data-name=signals]')";
+  const text = `${box}.querySelector('.readout')?.textContent ?? ''`;
+  await page.mouse('mouseMoved', x + 0.5 * width, y, { buttons: 0 });
+  await page.until(`/^time 30(\\.\\d+)? s: r .*; y .*; u .*; e /.test(${text})`, 'the pointer reads the middle of the minute');
+  const drawn = await json(`/v1/trials/${last}/figures/signals?format=json&theme=page&w=760`);
+  const [, at] = (await page.value(text)).match(/^time ([\d.]+) s/);
+  const series = drawn.panels[0].series[1];
+  const near = series.x.reduce((best, value, i) => (Math.abs(value - at) < Math.abs(series.x[best] - at) ? i : best), 0);
+  const said = Number((await page.value(text)).match(/; y ([−\d.e-]+);/)[1].replace('−', '-'));
+  assert.ok(Math.abs(said - series.y[near]) < 0.05 * (1 + Math.abs(series.y[near])), `${said} ${series.y[near]}`);
+  assert.equal(await page.value(`${box}.querySelectorAll('.wide .crosshair').length`), 3);
+  await page.mouse('mouseMoved', 4, 4, { buttons: 0 });
+  await page.until(`(${text}) === '' && ${box}.querySelectorAll('.crosshair').length === 0`, 'it is hushed');
+  await page.value(`${box}.querySelector('.wide svg.fig').focus()`);
+  await page.press('Enter');
+  await page.until(`/^time 0 s/.test(${text})`, 'Enter reads the first value');
+  await page.press('ArrowRight');
+  await page.until(`/^time 0\\.[1-9]\\d* s/.test(${text})`, 'the arrow goes to the next');
+  const stays = await page.value("Number(document.querySelector('.wide svg.fig').dataset.from)");
+  assert.equal(stays, 0, 'while it reads, arrows do not move the view');
+  await page.press('End');
+  await page.until(`/^time 60 s/.test(${text})`, 'End reads the last value');
+  await page.press('Escape');
+  await page.until(`(${text}) === ''`, 'Escape ends it');
+  await page.value(`${box}.querySelector('details.numbers').open = true`);
+  await page.until(`${box}.querySelectorAll('details.numbers tbody tr').length > 100`, 'the numbers are a table');
+  const row = await page.value(`[...${box}.querySelectorAll('details.numbers tbody tr')[0].cells].map((cell) => cell.textContent)`);
+  assert.deepEqual(row.slice(1, 4), ['r', String(drawn.panels[0].series[0].x[0]), String(drawn.panels[0].series[0].y[0])]);
+  await judge(page, 'trial-numbers', filled);
+  writeFileSync(join(out, 'trial-numbers.png'), await page.picture());
+  // Of people: who, which trial, what, and how far it may be used.
+  await page.go(`${filled}/studies/${found.first}`);
+  await page.value("document.querySelector('.wide svg[data-figure=norm_feedforward_plant_minus_one]').focus()");
+  await page.press('Enter');
+  await page.until("/ · trial \\d+ · .* · (ok|read the warnings|do not use)/.test(document.querySelector('.readout')?.textContent)", 'marks say what they are');
+  writeFileSync(join(out, 'study-reading.png'), await page.picture());
   assert.deepEqual(page.errors, []);
   await page.close();
 }

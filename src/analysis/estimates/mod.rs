@@ -5,6 +5,7 @@ mod answers;
 mod evidence;
 mod kept;
 mod quantities;
+mod regression;
 
 pub use evidence::evidence;
 pub use kept::{Kept, KeptEstimate, kept};
@@ -98,6 +99,7 @@ pub fn identification(
                 return Ok(None);
             };
             prediction_error(result, trial, &mut found)?;
+            found.controllers = regression::controllers(result, trial, plant);
         }
     }
     Ok(Some(found))

@@ -1,8 +1,8 @@
 //! What is written of the best climb, with its proof.
 
 use super::result::{
-    DesignProof, InformationResult, InputDesignResult, LimitResult, MonteCarloResult, ParameterResult, SignalResult,
-    StartResult,
+    AutocorrelationCourse, CourseResult, DesignProof, InformationResult, InputDesignResult, LimitResult,
+    MonteCarloResult, ParameterResult, SignalResult, StartResult,
 };
 use super::task::{Reached, Task, overflow};
 use crate::analysis::problem::{Code, Problem};
@@ -75,6 +75,31 @@ impl Task<'_> {
         results
     }
 
+    /// Outputs, and differences that are limited, before and after.
+    fn courses(&self, before: &DMatrix<f64>, after: &DMatrix<f64>) -> Vec<CourseResult> {
+        let wanted = &self.spec.used.limits;
+        let values = |outputs: &DMatrix<f64>, at: usize| outputs.column(at).iter().copied().collect::<Vec<f64>>();
+        let outputs = self.model.outputs.iter().enumerate().map(|(at, name)| CourseResult {
+            name: name.clone(),
+            range: wanted.outputs.iter().find(|(own, _)| *own == name).map(|(_, limit)| limit.range()),
+            before: values(before, at),
+            after: values(after, at),
+        });
+        let place = |name: &str| self.model.outputs.iter().position(|known| known == name).unwrap_or(0);
+        let differences = wanted.differences.iter().map(|difference| {
+            let [first, second] = difference.of.each_ref().map(|name| place(name));
+            let of =
+                |outputs: &DMatrix<f64>| (outputs.column(first) - outputs.column(second)).iter().copied().collect();
+            CourseResult {
+                name: format!("{} - {}", difference.of[0], difference.of[1]),
+                range: Some(difference.limit.range()),
+                before: of(before),
+                after: of(after),
+            }
+        });
+        outputs.chain(differences).collect()
+    }
+
     /// What the best climb came to; its limits are recomputed.
     pub(super) fn result(
         &self,
@@ -135,6 +160,20 @@ impl Task<'_> {
             let of = |outputs: &DMatrix<f64>| peak_rms(&mut outputs.column(i).iter().copied());
             signals.push(signal(name, [of(&outputs_before), of(&outputs_after)]));
         }
+        let autocorrelation = best.limits.autocorrelation.as_ref().map(|wanted| {
+            let of = |u: &[f64]| {
+                let power: f64 = u.iter().map(|u| u * u).sum();
+                let sum = |lag: usize| (lag..u.len()).map(|k| u[k] * u[k - lag]).sum::<f64>() / power;
+                (1..=wanted.reference.len()).map(sum).collect::<Vec<f64>>()
+            };
+            AutocorrelationCourse {
+                lag: (1..=wanted.reference.len()).collect(),
+                before: of(&best.start),
+                after: of(&best.climb.input),
+                reference: wanted.reference.clone(),
+                tolerance: wanted.tolerance,
+            }
+        });
         let criterion = self.spec.used.criterion;
         let last = &best.climb.last;
         let tolerance = self.spec.used.tolerance;
@@ -175,6 +214,8 @@ impl Task<'_> {
             information,
             limits,
             signals,
+            courses: self.courses(&outputs_before, &outputs_after),
+            autocorrelation,
             proof,
             monte_carlo,
             start_input: best.start,

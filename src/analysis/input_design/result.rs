@@ -34,6 +34,10 @@ pub struct InputDesignResult {
     pub limits: Vec<LimitResult>,
     /// Peak and root mean square of the input and of every output, before and after.
     pub signals: Vec<SignalResult>,
+    /// Every output, and every difference that is limited, sample by sample.
+    pub courses: Vec<CourseResult>,
+    /// The autocorrelation of the inputs; null where it is not limited.
+    pub autocorrelation: Option<AutocorrelationCourse>,
     /// What the last step proves.
     pub proof: DesignProof,
     /// What simulated records say; null where none were asked for.
@@ -126,6 +130,37 @@ pub struct LimitResult {
     pub slack: f64,
     /// The sample, from 0 (of the autocorrelation: the lag), that comes nearest.
     pub at: usize,
+}
+
+/// An output or a difference of two, sample by sample.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "InputDesignCourse")]
+pub struct CourseResult {
+    /// The output's name, or that of the difference.
+    pub name: String,
+    /// Least and largest value allowed, in its unit; null where it is not limited.
+    #[schemars(with = "Option<Vec<f64>>")]
+    pub range: Option<[f64; 2]>,
+    /// N samples with the start, in its unit, by the recursion of the model.
+    pub before: Vec<f64>,
+    /// N samples with the best input.
+    pub after: Vec<f64>,
+}
+
+/// The autocorrelation of the inputs, `R(l) = Σ u(k) u(k − l)/Σ u(k)²`, dimensionless.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "InputDesignAutocorrelationCourse")]
+pub struct AutocorrelationCourse {
+    /// The lags l in samples, from 1.
+    pub lag: Vec<usize>,
+    /// Of the start.
+    pub before: Vec<f64>,
+    /// Of the best input.
+    pub after: Vec<f64>,
+    /// What it is to stay near to.
+    pub reference: Vec<f64>,
+    /// How far it may be from that.
+    pub tolerance: f64,
 }
 
 /// A signal with both inputs.

@@ -5,8 +5,8 @@ use super::findings::Findings;
 use super::half::Half;
 use super::problems;
 use super::regulator::InverseLqrResult;
-use super::spec::{CheckedSpec, DescentSpec, DescentStart};
-use super::warnings::{Doubts, descent_broke_off, fit_left_out, warn};
+use super::spec::{CheckedSpec, DescentSpec, DescentStart, DescentStartName};
+use super::warnings::{Doubts, descent_broke_off, descent_from_identity, fit_left_out, warn};
 use crate::analysis::contract::Failure;
 use crate::analysis::report::Warning;
 use crate::convex::lmi::LmiError;
@@ -52,7 +52,7 @@ pub(in crate::analysis) fn answer(
                 LmiError::Infeasible { .. } => Ok(None),
             })?;
         }
-        if let Some(wanted) = written.descent {
+        if let Some(wanted) = &written.descent {
             findings.descent = descended(gains, spec, wanted, findings.cross_term.as_ref(), warnings, ctl)?;
         }
     }
@@ -65,15 +65,21 @@ pub(in crate::analysis) fn answer(
 fn descended(
     gains: &Gains,
     spec: &CheckedSpec,
-    wanted: DescentSpec,
+    wanted: &DescentSpec,
     cross_term: Option<&CrossTerm>,
     warnings: &mut Vec<Warning>,
     ctl: &Ctl,
 ) -> Result<Option<Descent>, Failure> {
     let (n, m) = (gains.states(), gains.ports());
-    let (q, r) = match (wanted.start, cross_term) {
-        (DescentStart::CrossTerm, Some(found)) => (found.q.clone(), found.r.clone()),
-        _ => (DMatrix::identity(n, n), DMatrix::identity(m, m)),
+    let identity = || [DMatrix::identity(n, n), DMatrix::identity(m, m)];
+    let [q, r] = match (&wanted.start, cross_term) {
+        (DescentStart::Name(DescentStartName::Identity), _) => identity(),
+        (DescentStart::Name(DescentStartName::CrossTerm), Some(found)) => [found.q.clone(), found.r.clone()],
+        (DescentStart::Name(DescentStartName::CrossTerm), None) => {
+            warnings.push(descent_from_identity());
+            identity()
+        }
+        (DescentStart::Weights(weights), _) => weights.checked([n, m], "/spec/fit/descent/start")?,
     };
     let settings = DescentSettings { rate: wanted.rate, steps: wanted.steps };
     match descent(&Objective::new(gains, spec.metric.as_ref()), &q, &r, settings, ctl) {

@@ -1,7 +1,7 @@
 //! The result about a filter: that of its dual regulator with the letters and shapes of a filter.
 
 use super::evidence::{EvidenceResult, RefutationResult, SolvedByName, UnreachedResult};
-use super::parts::{AxisResult, ComparisonResult, FitPointResult, ProofResult, Rows, Verdict};
+use super::parts::{AxisResult, ComparisonResult, DescentCourse, FitPointResult, ProofResult, Rows, Verdict};
 use super::regulator::{CostDescent, CostFit, CostReading, CostWithCrossTerm, InverseLqrResult};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -103,6 +103,8 @@ pub struct NoiseDescent {
     pub rejected_q: usize,
     /// Steps of V that were left out.
     pub rejected_r: usize,
+    /// How it went, at 400 places at most; its distances are those of the dual's gain Lᵀ.
+    pub course: DescentCourse,
 }
 
 /// Whether noises exist for which the gain is optimal, and which.
@@ -247,8 +249,9 @@ impl From<CostFit> for NoiseFit {
             evaluations: dual.evaluations,
             evaluations_allowed: dual.evaluations_allowed,
             descent: dual.descent.map(|descent| {
-                let CostDescent { q, r, k, first_residual, residual, rejected_q, rejected_r } = descent;
-                NoiseDescent { w: q, v: r, l: transposed(&k), first_residual, residual, rejected_q, rejected_r }
+                let CostDescent { q, r, k, first_residual, residual, rejected_q, rejected_r, course } = descent;
+                let l = transposed(&k);
+                NoiseDescent { w: q, v: r, l, first_residual, residual, rejected_q, rejected_r, course }
             }),
         }
     }

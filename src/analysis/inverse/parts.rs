@@ -1,6 +1,6 @@
 //! Parts of results that regulators and filters have in common.
 
-use crate::inverse::fit::Fit;
+use crate::inverse::fit::{Descent, Fit};
 use crate::inverse::lqr::Weights;
 use crate::inverse::reading::{Axis, Comparison};
 use nalgebra::DMatrix;
@@ -134,6 +134,33 @@ pub struct FitPointResult {
     pub agreeing_starts: usize,
     /// Starts in all.
     pub starts: usize,
+}
+
+/// Points of a descent's course at most; its first and last are among them.
+const COURSE: usize = 400;
+
+/// How a descent went: at the start, at the end, and at equal distances between.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
+#[schemars(rename = "InverseDescentCourse")]
+pub struct DescentCourse {
+    /// Steps that were taken before each of the values.
+    pub step: Vec<usize>,
+    /// The squared distance of the gains there, in the unit of the fit's `residual`.
+    pub residual: Vec<f64>,
+    /// `‖K − K_e‖_F/‖K_e‖_F` there, dimensionless.
+    pub relative_distance: Vec<f64>,
+}
+
+impl DescentCourse {
+    pub(super) fn new(found: &Descent) -> Self {
+        let last = found.values.len().saturating_sub(1);
+        let points = last.min(COURSE - 1).max(1);
+        let mut step: Vec<usize> = (0..=points).map(|k| (k * last + points / 2) / points).collect();
+        step.dedup();
+        let of = |values: &[f64]| step.iter().filter_map(|at| values.get(*at).copied()).collect();
+        let (residual, relative_distance) = (of(&found.values), of(&found.distances));
+        Self { step, residual, relative_distance }
+    }
 }
 
 /// A matrix as an array of rows.

@@ -6,8 +6,8 @@ use super::evidence::{
 use super::findings::Findings;
 use super::half::Half;
 use super::parts::{
-    AxisResult, ComparisonResult, EquivalentResult, FitPointResult, ProofResult, Rows, Verdict, curve, poles, proof,
-    rows,
+    AxisResult, ComparisonResult, DescentCourse, EquivalentResult, FitPointResult, ProofResult, Rows, Verdict, curve,
+    poles, proof, rows,
 };
 use super::reading::read;
 use super::shares::SharesResult;
@@ -116,6 +116,8 @@ pub struct CostDescent {
     pub rejected_q: usize,
     /// Steps of R that were left out.
     pub rejected_r: usize,
+    /// How it went, at 400 places at most.
+    pub course: DescentCourse,
 }
 
 /// Whether a cost exists for which the gain is optimal, and which.
@@ -254,6 +256,7 @@ impl CostFit {
                 residual: found.values.last().copied().unwrap_or_default(),
                 rejected_q: found.rejected_q,
                 rejected_r: found.rejected_r,
+                course: DescentCourse::new(found),
             }),
         }
     }

@@ -5,9 +5,11 @@ use crate::analysis::contract::Part;
 use crate::analysis::inputs::matrix::dense;
 use crate::analysis::problem::Problem;
 use crate::analysis::reading::{self, wrong_spec as wrong};
+use crate::control::riccati::SYMMETRY;
 use crate::convex::lmi::Solver;
 use crate::inverse::fit::FitSettings;
 use crate::inverse::{Gains, Knowledge, Settings, Structure};
+use crate::num::linalg::symmetric;
 use nalgebra::DMatrix;
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
@@ -49,27 +51,83 @@ pub struct FitSpec {
 }
 
 /// The gradient descent of Priess 2015, Table 3.1.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DescentSpec {
     /// λ, the length of a step over the gradient, positive.
     pub rate: f64,
     /// Steps, up to 100,000.
     pub steps: usize,
-    /// Where it starts. Default: identity.
+    /// Where it starts: `"identity"`, `"cross_term"` or `{"state_weight": [[..]], "port_weight": [[..]]}`. Default:
+    /// identity.
     #[serde(default)]
     pub start: DescentStart,
 }
 
 /// Where the descent starts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
 pub enum DescentStart {
+    /// By name.
+    #[schemars(title = "Name")]
+    Name(DescentStartName),
+    /// From weights as they are given.
+    #[schemars(title = "Weights")]
+    Weights(DescentWeights),
+}
+
+impl Default for DescentStart {
+    fn default() -> Self {
+        Self::Name(DescentStartName::Identity)
+    }
+}
+
+/// A start that has a name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DescentStartName {
     /// Q and R are the identity.
-    #[default]
     Identity,
     /// The weights of the smallest cross term (3.20), as Table 3.1 starts.
     CrossTerm,
+}
+
+/// Weights that a descent starts from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DescentWeights {
+    /// Q, or W of a filter, n×n, symmetric and positive semidefinite.
+    pub state_weight: Vec<Vec<f64>>,
+    /// R, or V of a filter, m×m, symmetric and positive definite.
+    pub port_weight: Vec<Vec<f64>>,
+}
+
+impl DescentWeights {
+    /// The weights, checked against the sizes of the half; `at` is their pointer.
+    ///
+    /// # Errors
+    /// Where one has another size, is not symmetric, or not (semi)definite.
+    pub(super) fn checked(&self, [n, m]: [usize; 2], at: &str) -> Result<[DMatrix<f64>; 2], Problem> {
+        let one = |rows: &[Vec<f64>], name: &str, order: usize, is_definite: bool| {
+            let at = format!("{at}/{name}");
+            let found = dense(rows, "the weight", &at)?;
+            if found.shape() != (order, order) {
+                let (rows, columns) = found.shape();
+                return Err(wrong(format!("the weight is {rows}x{columns} and must be {order}x{order}"), at));
+            }
+            if (&found - found.transpose()).amax() > SYMMETRY * found.amax() {
+                return Err(wrong("the weight is not symmetric", at));
+            }
+            let found = symmetric(&found);
+            let least = found.symmetric_eigenvalues().min();
+            if least < 0.0 || (is_definite && least == 0.0) {
+                let word = if is_definite { "positive definite" } else { "positive semidefinite" };
+                return Err(wrong(format!("the weight is not {word}: its least eigenvalue is {least:e}"), at));
+            }
+            Ok(found)
+        };
+        Ok([one(&self.state_weight, "state_weight", n, false)?, one(&self.port_weight, "port_weight", m, true)?])
+    }
 }
 
 impl Default for FitSpec {
@@ -245,7 +303,7 @@ impl CheckedSpec {
             None => None,
             Some(fit) => {
                 let at = format!("{at}/fit");
-                check_fit(fit, &at)?;
+                check_fit(fit, [n, m], &at)?;
                 let read = |rows: &Vec<Vec<f64>>| metric(rows, n * m, &format!("{at}/gain_covariance"));
                 fit.gain_covariance.as_ref().map(read).transpose()?
             }
@@ -276,7 +334,7 @@ impl CheckedSpec {
     }
 }
 
-fn check_fit(fit: &FitSpec, at: &str) -> Result<(), Problem> {
+fn check_fit(fit: &FitSpec, sizes: [usize; 2], at: &str) -> Result<(), Problem> {
     let list = &fit.condition_numbers;
     let increasing = list.windows(2).all(|pair| pair[0] < pair[1]);
     let in_range = list.iter().all(|k| *k > 1.0 && *k <= 1e12);
@@ -300,6 +358,9 @@ fn check_fit(fit: &FitSpec, at: &str) -> Result<(), Problem> {
     if !(1..=MAX_STEPS).contains(&descent.steps) {
         let detail = format!("there are {} steps; 1 to {MAX_STEPS} are taken", descent.steps);
         return Err(wrong(detail, format!("{at}/descent/steps")));
+    }
+    if let DescentStart::Weights(weights) = &descent.start {
+        weights.checked(sizes, &format!("{at}/descent/start"))?;
     }
     Ok(())
 }

@@ -78,6 +78,59 @@ fn the_descent_of_the_thesis_may_stand_beside_the_fit() {
     }
 }
 
+/// Priess 2015, §3.4 and figure 3.1: 5000 steps of 1e-4 from the printed weights. The thesis has 77.24, which is within
+/// the rounding of the weights that it prints; `tests/golden/inverse.json` has the values on the way.
+#[test]
+fn the_descent_starts_from_given_weights_and_tells_its_course() {
+    let inputs = json!({
+        "a": [[100, 0, -1], [0, 0.1, 50], [0.333, 10, 0]], "b": [[-1, 0, 10], [1, 1, 0], [0.1, -20, 4]],
+        "k": [[-3.47, 20.2, 49.3], [3.7, 0.0519, 0.714], [18.7, 2.21, 4.83]]
+    });
+    let start = json!({
+        "state_weight": [[71.4, 96.4, 62.8], [96.4, 302, 8.62], [62.8, 8.62, 1550]],
+        "port_weight": [[1.33, -1.49, -3.19], [-1.49, 387, -77], [-3.19, -77, 53.3]]
+    });
+    let spec = |start: &Value| {
+        let descent = json!({"rate": 1e-4, "steps": 5000, "start": start});
+        json!({"fit": {"condition_numbers": [100], "random_starts": 0, "descent": descent}})
+    };
+    let report = run("inverse_lqr", inputs.clone(), spec(&start));
+    let descent = &report.result["fit"]["descent"];
+    let number = |value: &Value| value.as_f64().unwrap();
+    assert!((number(&descent["first_residual"]) / 814.900_720_987_862_2 - 1.0).abs() < 1e-9, "{descent}");
+    assert!((number(&descent["residual"]) / 77.586_118_362_436_27 - 1.0).abs() < 1e-6, "{descent}");
+    assert!((number(&descent["residual"]) - 77.24).abs() < 0.5);
+    assert_eq!((&descent["rejected_q"], &descent["rejected_r"]), (&json!(0), &json!(0)));
+    let list = |name: &str| descent["course"][name].as_array().unwrap().iter().map(number).collect::<Vec<f64>>();
+    let (steps, residuals, distances) = (list("step"), list("residual"), list("relative_distance"));
+    assert!(steps.len() == 400 && residuals.len() == 400 && distances.len() == 400, "{}", steps.len());
+    assert_eq!((steps[0], steps[399]), (0.0, 5000.0));
+    assert_eq!((residuals[0], residuals[399]), (number(&descent["first_residual"]), number(&descent["residual"])));
+    assert!(steps.is_sorted() && residuals.iter().rev().is_sorted(), "each step gains");
+    // ‖K − K_e‖² is the residual where all entries weigh alike.
+    let size =
+        inputs["k"].as_array().unwrap().iter().flat_map(|row| row.as_array().unwrap()).map(|k| number(k).powi(2));
+    let size = size.sum::<f64>().sqrt();
+    for (residual, distance) in residuals.iter().zip(&distances) {
+        assert!((distance * size / residual.sqrt() - 1.0).abs() < 1e-9);
+    }
+    for (weight, rows, said) in [
+        ("state_weight", json!([[1, 0], [0, 1]]), "2x2 and must be 3x3"),
+        ("state_weight", json!([[1, 0, 0], [0.5, 1, 0], [0, 0, 1]]), "not symmetric"),
+        ("port_weight", json!([[1, 0, 0], [0, 0, 0], [0, 0, 1]]), "not positive definite"),
+    ] {
+        let mut wrong = start.clone();
+        wrong[weight] = rows;
+        let problem = refused("inverse_lqr", inputs.clone(), spec(&wrong));
+        assert_eq!(problem.location.unwrap(), format!("/spec/fit/descent/start/{weight}"));
+        assert!(problem.detail.contains(said), "{}", problem.detail);
+    }
+    // A short one has every step.
+    let short = json!({"fit": {"condition_numbers": [100], "random_starts": 0,
+        "descent": {"rate": 1e-4, "steps": 3, "start": "identity"}}});
+    assert_eq!(run("inverse_lqr", inputs, short).result["fit"]["descent"]["course"]["step"], json!([0, 1, 2, 3]));
+}
+
 #[test]
 fn a_filter_has_its_own_letters_and_shapes() {
     // The dual of a = [0 1; 2 0] with two states and one output.

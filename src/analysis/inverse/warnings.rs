@@ -15,6 +15,13 @@ const SEEN: f64 = 1e-7;
 /// The share of starts that must agree on the best fit for it to be trusted.
 const AGREEMENT: f64 = 0.3;
 
+/// The start that was asked for does not exist.
+pub(super) fn descent_from_identity() -> Warning {
+    let message = "The descent starts from the identity: weights of a smallest cross term were not computed, or there \
+                   are none.";
+    Warning::new("descent_from_identity", message)
+}
+
 /// The descent met weights without a regulator.
 pub(super) fn descent_broke_off(error: &impl Display) -> Warning {
     Warning::new("descent_broke_off", format!("The descent met weights without a regulator: {error}"))

@@ -3,11 +3,11 @@
 use super::of_trial::Shown;
 use super::{FigureList, FigureName, FigureQuery, Offered, answer};
 use crate::analysis::ids::{AnalysisId, TrialId};
-use crate::analysis::input_design as input_design_kind;
 use crate::analysis::{
     Analysis as _, Code, Kind, Plan, Problem, References, Report, Request, compensator_design, excitation_quality,
-    frequency_response, gain_fit, inverse_lqg, inverse_lqr, prediction_error, ssid, two_stimulus,
+    frequency_response, gain_fit, inverse_lqe, inverse_lqg, inverse_lqr, prediction_error, ssid, two_stimulus,
 };
+use crate::analysis::{input_design as input_design_kind, simulate as simulate_kind};
 use crate::api::analyses::{AnalysisPath, AnalysisView, report_text};
 use crate::api::etag::{self, IfNoneMatch};
 use crate::api::extract::{Id, Params, off_thread};
@@ -19,6 +19,7 @@ use crate::figure::Figure;
 use crate::figure::of::bode::{self, Origin, Unreadable, bode};
 use crate::figure::of::compensator::{self, compensator};
 use crate::figure::of::cost::{self, cost};
+use crate::figure::of::descent::{self, descent};
 use crate::figure::of::excitation::{self, excitation};
 use crate::figure::of::input_design::{self, input_design};
 use crate::figure::of::near_optimal::{self, near_optimal};
@@ -26,6 +27,7 @@ use crate::figure::of::poles::{self, poles};
 use crate::figure::of::response::{self, response};
 use crate::figure::of::return_difference::{self, return_difference};
 use crate::figure::of::simulated::{self, simulated};
+use crate::figure::of::simulation::{self, simulation};
 use crate::store::AnalysisRecord;
 use crate::trial::Trial;
 use axum::extract::State;
@@ -49,13 +51,34 @@ const EXCITATION: [Offered; 4] = [
     Offered { name: excitation::FLATNESS, title: "Its flatness over the band" },
 ];
 const COMPENSATOR: Offered = Offered { name: compensator::NAME, title: "The flatness gain over the gain" };
-const DESIGN: [Offered; 2] = [
+const DESIGN: [Offered; 5] = [
     Offered { name: input_design::INPUT, title: "The input before and after" },
+    Offered { name: input_design::IMPROVEMENT, title: "How much better the experiment became, step by step" },
+    Offered { name: input_design::OUTPUTS, title: "The outputs before and after, with their limits" },
+    Offered { name: input_design::AUTOCORRELATION, title: "The autocorrelation before and after, with its limits" },
     Offered { name: input_design::DEVIATIONS, title: "Standard deviations after over before" },
 ];
+const DESCENT: Offered = Offered { name: descent::NAME, title: "How the gradient descent went" };
+const SIMULATION: [Offered; 3] = [
+    Offered { name: simulation::SIGNALS, title: "The simulated signals" },
+    Offered { name: simulation::BODE, title: "Gff, Gfb and the closed loop" },
+    Offered { name: simulation::STEP, title: "The answer to a unit step" },
+];
 
-/// What a report of a kind can be drawn as.
-fn offered(kind: Kind, has_trial: bool) -> Vec<Offered> {
+/// What a report of a kind can be drawn as; `spec` says which parts were asked for.
+fn offered(kind: Kind, has_trial: bool, spec: &Value) -> Vec<Offered> {
+    let mut all = of_kind(kind, has_trial);
+    let has = |pointer: &str| spec.pointer(pointer).is_some_and(|own| !own.is_null());
+    if !["", "/regulator", "/filter"].iter().any(|root| has(&format!("{root}/fit/descent"))) {
+        all.retain(|one| one.name != descent::NAME);
+    }
+    if kind == input_design_kind::Plan::KIND && !has("/limits/autocorrelation") {
+        all.retain(|one| one.name != input_design::AUTOCORRELATION);
+    }
+    all
+}
+
+fn of_kind(kind: Kind, has_trial: bool) -> Vec<Offered> {
     if kind == ssid::Plan::KIND {
         let mut all = vec![BODE, RESPONSE, POLES, NEAR];
         all.extend(has_trial.then_some(SIMULATED));
@@ -65,9 +88,13 @@ fn offered(kind: Kind, has_trial: bool) -> Vec<Offered> {
     } else if kind == frequency_response::Plan::KIND {
         vec![RESPONSE]
     } else if kind == inverse_lqr::Plan::KIND {
-        vec![COST, RETURN]
+        vec![COST, RETURN, DESCENT]
+    } else if kind == inverse_lqe::Plan::KIND {
+        vec![DESCENT]
     } else if kind == inverse_lqg::Plan::KIND {
-        vec![COST]
+        vec![COST, DESCENT]
+    } else if kind == simulate_kind::Plan::KIND {
+        SIMULATION.to_vec()
     } else if kind == gain_fit::Plan::KIND {
         vec![RETURN]
     } else if kind == excitation_quality::Plan::KIND {
@@ -145,16 +172,18 @@ impl About {
     responses((status = 200, description = "The figures by name.", body = FigureList)))]
 pub(crate) async fn list(analysis: Named<AnalysisView>) -> ApiResult<Response> {
     let record = analysis.state.store.analysis(analysis.id).await?;
+    let spec = record.request.spec.clone();
     let has_trial = !references(record.request).await?.trials.is_empty();
-    let all = offered(record.kind, has_trial);
+    let all = offered(record.kind, has_trial, &spec);
     etag::conditional(&analysis.headers, &FigureList::new(&format!("/v1/analyses/{}", analysis.id), &all))
 }
 
 /// Draws a figure of a report, one of those that its kind has: the controllers (`bode`), the closed loop's response
 /// (`response`), poles (`poles`), candidates that fit nearly as well (`near_optimal`), the recording against the
-/// identified loop (`simulated`), what a cost weighs (`cost`), Kalman's inequality (`return_difference`), an excitation
-/// (`signal`, `spectrum`, `autocorrelation`, `flatness`), a compensator's flatness gain (`compensator`), or a design
-/// (`input`, `deviations`).
+/// identified loop (`simulated`), what a cost weighs (`cost`), Kalman's inequality (`return_difference`), the descent
+/// that was asked for (`descent`), a simulation (`signals`, `bode`, `step`), an excitation (`signal`, `spectrum`,
+/// `autocorrelation`, `flatness`), a compensator's flatness gain (`compensator`), or a design (`input`, `improvement`,
+/// `outputs`, `autocorrelation`, `deviations`).
 #[utoipa::path(get, path = "/v1/analyses/{analysis}/figures/{name}", tag = "figures",
     operation_id = "draw_analysis_figure", params(AnalysisFigurePath, FigureQuery, IfNoneMatch),
     responses(
@@ -173,9 +202,9 @@ pub(crate) async fn read(
     headers: HeaderMap,
 ) -> ApiResult<Response> {
     let record = state.store.analysis(id).await?;
-    let inputs = record.request.inputs.clone();
+    let (inputs, spec) = (record.request.inputs.clone(), record.request.spec.clone());
     let about = About::read(&state, record.request).await?;
-    let name = name.among(&offered(record.kind, about.first.is_some()))?;
+    let name = name.among(&offered(record.kind, about.first.is_some(), &spec))?;
     let text = report_text(&state, id).await?;
     let trial = match &about.first {
         Some(first) if name == simulated::NAME => Some(state.store.trial_signals(first.record.id).await?),
@@ -200,7 +229,11 @@ fn make(name: &str, report: &Report, inputs: &Value, about: &About, trial: Optio
         (cost::NAME, ..) => cost(report, inputs, subject),
         (return_difference::NAME, ..) => return_difference(report, inputs, subject),
         (compensator::NAME, ..) => compensator(report, subject),
-        (own, ..) if DESIGN.iter().any(|one| one.name == own) => input_design(report, own, subject),
+        (descent::NAME, ..) => descent(report, subject),
+        (own, ..) if report.kind == simulate_kind::Plan::KIND => simulation(report, own, subject),
+        (own, ..) if report.kind == input_design_kind::Plan::KIND && DESIGN.iter().any(|one| one.name == own) => {
+            input_design(report, own, subject)
+        }
         (own, ..) if EXCITATION.iter().any(|one| one.name == own) => excitation(report, own, subject),
         _ => {
             let sample_time_s = about.first.as_ref().map(|first| first.record.sample_time_s);
@@ -236,7 +269,7 @@ impl Drawable {
 pub(crate) async fn drawable(state: &AppState, record: &AnalysisRecord) -> ApiResult<Drawable> {
     let about = About::read(state, record.request.clone()).await?;
     let names: Vec<&'static str> =
-        offered(record.kind, about.first.is_some()).iter().map(|offered| offered.name).collect();
+        offered(record.kind, about.first.is_some(), &record.request.spec).iter().map(|own| own.name).collect();
     let trial = match &about.first {
         Some(first) if names.contains(&simulated::NAME) => Some(state.store.trial_signals(first.record.id).await?),
         _ => None,

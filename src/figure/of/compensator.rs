@@ -24,14 +24,25 @@ pub fn compensator(report: &Report, subject: &str) -> Result<Figure, Unreadable>
     if sweep.is_empty() {
         return Err(Unreadable::Nothing("the spec asked for no sweep; ask with sweep".to_owned()));
     }
-    let mut series = Vec::new();
+    let (mut series, mut resonances, mut disturbances) = (Vec::new(), Vec::new(), Vec::new());
     for (at, curve) in sweep.iter().enumerate() {
         let name = match (number(curve, "/zero_hz"), number(curve, "/pole_hz")) {
             (Some(zero), Some(pole)) => format!("zero {} pole {} Hz", three(zero), three(pole)),
             _ => "proportional".to_owned(),
         };
         let look = (Mark::Line, Ink::of_group(at % 4), Weight::Thin);
-        series.push(Series::values(name, look, all_numbers(curve, "/gain")?, numbers(curve, "/blsfg")?).labelled());
+        let gain = all_numbers(curve, "/gain")?;
+        let flatness = numbers(curve, "/blsfg")?;
+        // Disturbances are judged where the loop makes the signal flatter: those parts are strong.
+        let norm = numbers(curve, "/disturbance_norm")?;
+        let strong = norm.iter().zip(&flatness).map(|(norm, own)| norm.filter(|_| own.is_some_and(|own| own > 1.0)));
+        let resonance = numbers(curve, "/resonance_hz")?;
+        let faint = (Mark::Line, Ink::of_group(at % 4), Weight::Faint);
+        let thick = (Mark::Line, Ink::of_group(at % 4), Weight::Thick);
+        resonances.push(Series::values(name.as_str(), look, gain.clone(), resonance));
+        disturbances.push(Series::values(name.as_str(), faint, gain.clone(), norm.iter().copied()));
+        disturbances.push(Series::values(format!("{name}, flatness gain above 1"), thick, gain.clone(), strong));
+        series.push(Series::values(name, look, gain, flatness).labelled());
     }
     let answer = number(result, "/gain").zip(number(result, "/blsfg"));
     if let Some((gain, flatness)) = answer {
@@ -42,6 +53,13 @@ pub fn compensator(report: &Report, subject: &str) -> Result<Figure, Unreadable>
     let mut panel = Panel::new("", Axis::linear("flatness gain", "1").including(&[0.0]), series);
     if let Some(base) = base {
         panel = panel.with_rule(base, "best proportional control", RuleKind::Reference);
+    }
+    let mut panels = vec![panel];
+    if resonances.iter().any(|own| !own.is_empty()) {
+        panels.push(Panel::new("", Axis::linear("resonance", "Hz").including(&[0.0]), resonances));
+    }
+    if disturbances.iter().any(|own| !own.is_empty()) {
+        panels.push(Panel::new("", Axis::logarithmic("‖S P‖∞", "m/N"), disturbances));
     }
     let finding = answer.map_or_else(String::new, |(gain, flatness)| {
         let more = base.filter(|base| *base > 0.0).map_or_else(String::new, |base| {
@@ -54,9 +72,13 @@ pub fn compensator(report: &Report, subject: &str) -> Result<Figure, Unreadable>
         name: NAME.to_owned(),
         title: format!("{subject}: flatness gain over the gain"),
         description: finding,
-        caption: format!("Lines end where the loop is not stable; ring: the answer. {}", origin.caption(report)),
+        caption: format!(
+            "Lines end where the loop is not stable; ring: the answer; ‖S P‖∞ is how far a force moves the output at \
+             worst, strong where the flatness gain is above 1. {}",
+            origin.caption(report)
+        ),
         sampling: String::new(),
         x: Axis::logarithmic("K", "N/m"),
-        panels: vec![panel],
+        panels,
     })
 }

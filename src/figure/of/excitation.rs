@@ -48,21 +48,40 @@ fn signal(report: &Report) -> Result<Found, Unreadable> {
     let found = registry::samples(report)
         .ok_or_else(|| Unreadable::Nothing("the report has no samples; ask for them in the spec".to_owned()))?;
     let inks = [Ink::Command, Ink::Output, Ink::Control, Ink::Error];
+    // What the device does is the output of its loop where that is known, and the signal itself elsewhere.
+    let moved = if found.columns.iter().any(|(name, _)| name == "output") { "output" } else { "signal" };
+    let limit = |name: &str| {
+        let of = |quantity: &str| number(&report.provenance.spec, &format!("/limits/{quantity}"));
+        if name == moved { of("position") } else { of("force").filter(|_| name == "force") }
+    };
     let panel = |(at, (name, values)): (usize, &(String, Vec<f64>))| {
         let x = (0..values.len()).map(|i| i as f64 * found.sample_time_s).collect();
         let look = (Mark::Samples, inks[at % inks.len()], Weight::Thin);
         let line = Series::values(name.as_str(), look, x, values.iter().copied().map(Some));
-        Panel::new("", Axis::linear(name.as_str(), "unit of the signal"), vec![line])
+        let panel = Panel::new("", Axis::linear(name.as_str(), "unit of the signal"), vec![line]);
+        match limit(name) {
+            Some(limit) => {
+                panel.with_rule(limit, "limit of the device", RuleKind::Limit).with_rule(-limit, "", RuleKind::Limit)
+            }
+            None => panel,
+        }
     };
     let panels = found.columns.iter().enumerate().map(panel).collect();
     let result = &report.result;
     let of = |pointer: &str| number(result, pointer).map_or_else(|| "unknown".to_owned(), three);
+    let limits = ["position", "velocity", "acceleration", "force", "power"].into_iter().filter_map(|name| {
+        let limit = number(&report.provenance.spec, &format!("/limits/{name}"))?;
+        let peak = number(result, &format!("/motion/{name}/peak"))?;
+        let side = if peak > limit { "above" } else { "within" };
+        Some(format!(" The {name} reaches {}, {side} the limit of {}.", three(peak), three(limit)))
+    });
     let description = format!(
-        "{} samples, peak {}, root mean square {}, crest factor {}.",
+        "{} samples, peak {}, root mean square {}, crest factor {}.{}",
         of("/signal/samples"),
         of("/signal/peak"),
         of("/signal/rms"),
-        of("/signal/crest_factor")
+        of("/signal/crest_factor"),
+        limits.collect::<String>()
     );
     Ok(("the signal", Axis::linear("time", "s"), panels, description, String::new()))
 }
@@ -109,15 +128,17 @@ fn autocorrelation(report: &Report) -> Result<Found, Unreadable> {
     Ok(("autocorrelation", Axis::linear("lag", "s"), vec![panel], description, String::new()))
 }
 
-/// A band by its upper end, with the flatness of the signal and of the output, and the flatness gain.
-type Band = (f64, Option<f64>, Option<f64>, Option<f64>);
+/// A band by its upper end, with the flatness of the signal and of the output, the flatness gain, and the shares of the
+/// power of signal and output that lie in it.
+type Band = (f64, [Option<f64>; 5]);
 
 fn flatness(report: &Report) -> Result<Found, Unreadable> {
     let mut bands: Vec<Band> = members(&report.result, "/flatness")
         .iter()
         .filter_map(|own| {
             let upper = number(own, "/band_hz/1").or_else(|| number(own, "/band_hz"))?;
-            Some((upper, number(own, "/sfm"), number(own, "/output_sfm"), number(own, "/blsfg")))
+            let of = ["/sfm", "/output_sfm", "/blsfg", "/energy_fraction", "/output_energy_fraction"];
+            Some((upper, of.map(|pointer| number(own, pointer))))
         })
         .collect();
     if bands.is_empty() {
@@ -128,18 +149,20 @@ fn flatness(report: &Report) -> Result<Found, Unreadable> {
     let points = |name: &str, ink, values: Vec<Option<f64>>| {
         Series::values(name, (Mark::Points, ink, Weight::Thick), x.clone(), values).labelled()
     };
-    let flat = vec![
-        points("signal", Ink::First, bands.iter().map(|band| band.1).collect()),
-        points("output", Ink::Second, bands.iter().map(|band| band.2).collect()),
-    ];
+    let of = |place: usize| bands.iter().map(|band| band.1[place]).collect::<Vec<_>>();
+    let flat = vec![points("signal", Ink::First, of(0)), points("output", Ink::Second, of(1))];
     let mut panels = vec![Panel::new("", Axis::linear("spectral flatness", "1").including(&[0.0, 1.0]), flat)];
-    let gains: Vec<Option<f64>> = bands.iter().map(|band| band.3).collect();
+    let shares = vec![points("signal", Ink::First, of(3)), points("output", Ink::Second, of(4))];
+    let gains: Vec<Option<f64>> = of(2);
     if gains.iter().any(Option::is_some) {
         let gain = points("gain", Ink::Third, gains);
         let panel = Panel::new("", Axis::linear("flatness gain", "1").including(&[0.0]), vec![gain]);
         panels.push(panel.with_rule(1.0, "as flat as the signal", RuleKind::Reference));
     }
-    let (upper, sfm, ..) = bands[bands.len() - 1];
+    if shares.iter().any(|own| !own.is_empty()) {
+        panels.push(Panel::new("", Axis::linear("share of the power", "1").including(&[0.0, 1.0]), shares));
+    }
+    let (upper, [sfm, ..]) = bands[bands.len() - 1];
     let description = format!(
         "Up to {} Hz the signal's flatness is {}; 1 is a flat spectrum.",
         three(upper),

@@ -7,7 +7,7 @@ use crate::figure::{Axis, Figure, Ink, Mark, Panel, RuleKind, Series, Weight};
 use crate::learning::StatementTrust;
 use crate::learning::StudyLearningCurves;
 use crate::learning::curves::{CurvePoint, Metric};
-use crate::learning::groups::{GroupCurve, MetricStatistics, Statistics};
+use crate::learning::groups::{GroupCurve, GroupSubject, MetricStatistics, Statistics};
 use crate::trust::Level;
 
 /// The quantities that curves are drawn of.
@@ -85,7 +85,7 @@ fn statistics(all: &MetricStatistics, metric: Metric) -> &Statistics {
     }
 }
 
-fn interval(point: &CurvePoint, metric: Metric) -> Option<[f64; 2]> {
+pub(super) fn interval(point: &CurvePoint, metric: Metric) -> Option<[f64; 2]> {
     match metric {
         Metric::NormFeedback => point.intervals_95.norm_feedback,
         Metric::NormFeedforwardMinusInverse => point.intervals_95.norm_feedforward_minus_inverse,
@@ -202,6 +202,46 @@ impl Drawer {
         all
     }
 
+    /// One subject with its intervals, before the mean and the spread of its group.
+    fn subject(&self, name: &str, group: &GroupCurve, subject: &GroupSubject) -> Vec<Series> {
+        let of = |mark, ink, weight| (mark, ink, weight);
+        let at: Vec<f64> = group.points.iter().map(|point| self.places.at(point.session, point.number)).collect();
+        let own: Vec<&Statistics> = group.points.iter().map(|point| statistics(&point.metrics, self.metric)).collect();
+        let ends = own.iter().map(|own| {
+            let (mean, sd) = own.mean.zip(own.sd).filter(|_| own.n >= LEAST_FOR_BAND)?;
+            Some([mean - sd, mean + sd])
+        });
+        let band = of(Mark::Band, Ink::Muted, Weight::Thin);
+        let mean = of(Mark::Line, Ink::Muted, Weight::Thin);
+        let values = self.values(&subject.code, &subject.curve.points);
+        let x: Vec<f64> = values.iter().map(|value| value.at).collect();
+        let y = || values.iter().map(|value| value.value);
+        let code = subject.code.as_str();
+        let mut all = vec![
+            Series::intervals(format!("{name}: mean ± 1 SD"), band, at.clone(), ends),
+            Series::values(name, mean, at, own.iter().map(|own| own.mean)).labelled(),
+        ];
+        if values.iter().any(|value| value.interval.is_some()) {
+            let bars = of(Mark::Bars, Ink::First, Weight::Thin);
+            let ends = values.iter().map(|value| value.interval);
+            all.push(Series::intervals(format!("{code}: 95 % intervals"), bars, x.clone(), ends));
+        }
+        all.push(Series::values(code, of(Mark::Line, Ink::First, Weight::Thick), x.clone(), y()).labelled());
+        let dots = Series::values(format!("{code}: trials"), of(Mark::Points, Ink::First, Weight::Thick), x, y());
+        let notes = values.iter().map(|value| value.note.clone()).collect();
+        all.push(dots.with_notes(notes).with_trust(values.iter().map(|value| value.level).collect()));
+        let bad: Vec<&Value> =
+            values.iter().filter(|value| value.level == Level::DoNotUse && value.value.is_some()).collect();
+        if !bad.is_empty() {
+            let look = of(Mark::Crosses, Ink::First, Weight::Thin);
+            let x = bad.iter().map(|value| value.at).collect();
+            let crosses = Series::values(format!("{code}: not to be used"), look, x, bad.iter().map(|v| v.value));
+            let notes = bad.iter().map(|value| value.note.clone()).collect();
+            all.push(crosses.with_notes(notes).with_trust(vec![Level::DoNotUse; bad.len()]));
+        }
+        all
+    }
+
     /// How many values of a group there are, and how many of them are not to be used.
     fn count(&self, group: &GroupCurve) -> [usize; 2] {
         let points = group.subjects.iter().flat_map(|subject| &subject.curve.points);
@@ -300,6 +340,57 @@ pub fn learning_curve(curves: &StudyLearningCurves, metric: Metric, units: &Unit
         caption: caption(curves, metric, [all, bad]),
         sampling: String::new(),
         x,
+        panels,
+    }
+}
+
+/// The curve of a quantity of one subject, by id, before its group: mean and spread behind, its own values with
+/// intervals in front. Where it worked on several plants, a panel for each.
+#[must_use]
+pub fn learning_curve_of(curves: &StudyLearningCurves, subject: &str, metric: Metric, units: &Units) -> Figure {
+    let drawer = Drawer { metric, places: Places::of(curves) };
+    let (mut panels, mut sentences, mut code) = (Vec::new(), Vec::new(), String::new());
+    for (name, group) in names(curves).iter().zip(&curves.groups) {
+        let Some(own) = group.subjects.iter().find(|own| own.subject == subject) else { continue };
+        code.clone_from(&own.code);
+        let mut panel = Panel::new(group.plant.name.as_str(), axis(metric, units), drawer.subject(name, group, own));
+        if metric == Metric::NormFeedforwardPlantMinusOne {
+            panel = panel.with_rule(1.0, "feedforward does nothing", RuleKind::Reference);
+        }
+        for (at, session) in &drawer.places.borders {
+            panel = panel.with_rule(*at, format!("session {session}"), RuleKind::Border);
+        }
+        panels.push(panel);
+        let known: Vec<Value> = drawer.values(&own.code, &own.curve.points);
+        let known: Vec<&Value> = known.iter().filter(|value| value.value.is_some()).collect();
+        let what = phrase(metric);
+        sentences.push(match (known.first(), known.last()) {
+            (Some(first), Some(last)) if first.at < last.at => {
+                let bad = known.iter().filter(|value| value.level == Level::DoNotUse).count();
+                let reserve = if bad > 0 {
+                    format!(" {bad} of {} values are not to be used.", known.len())
+                } else {
+                    String::new()
+                };
+                let ends = [first, last].map(|value| value.value.map_or_else(String::new, three));
+                format!("On {}: {what} went from {} to {}.{reserve}", group.plant.name, ends[0], ends[1])
+            }
+            _ => format!("On {}: fewer than two trials have a value of {what}.", group.plant.name),
+        });
+    }
+    let label = if drawer.places.are_counted_on { "trial, counted on through the sessions" } else { "trial" };
+    let last = drawer.places.last;
+    Figure {
+        name: name(metric).to_owned(),
+        title: format!("{}: {}", code, title(metric)),
+        description: if sentences.is_empty() { "It has no trial.".to_owned() } else { sentences.join(" ") },
+        caption: format!(
+            "Grey: mean of the group, band ± 1 SD of three subjects or more; whiskers: 95 % intervals; ×: do not \
+             use. {}.",
+            product()
+        ),
+        sampling: String::new(),
+        x: Axis { range: Some([0.0, last + f64::max(0.5, 0.03 * last)]), ..Axis::linear(label, "") },
         panels,
     }
 }

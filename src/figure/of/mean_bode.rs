@@ -4,92 +4,235 @@ use super::places::trial;
 use super::provenance::{eight, product};
 use crate::figure::text::{listed, three};
 use crate::figure::{Axis, Figure, Ink, Mark, Panel, RuleKind, Series, Weight};
-use crate::learning::bode::{ControllerStatistics, GroupResponses, ResponseStatistics, ResponseTrial};
+use crate::learning::bode::{ControllerStatistics, GroupResponses, Response, ResponseStatistics, ResponseTrial};
 use crate::learning::{StudyFrequencyResponses, TrialSelection};
 use crate::trust::{Level, of_mean};
 use std::f64::consts::TAU;
 
 /// The name of the figure in addresses.
 pub const NAME: &str = "bode";
+/// First trials against last ones, with the closed loop.
+pub const PRACTICE: &str = "bode_practice";
+/// Without the subjects of the largest and the smallest ‖Gff G − 1‖.
+pub const TRIMMED: &str = "bode_trimmed";
 
 /// A mean of fewer subjects has no band.
 const LEAST_FOR_BAND: usize = 3;
 
-/// Picks one of the responses of a group.
-type Pick = fn(&ControllerStatistics) -> &ResponseStatistics;
+/// A response that is drawn: its symbol, which of a group's it is, and what it is compared with.
+struct Drawn {
+    symbol: &'static str,
+    pick: fn(&ControllerStatistics) -> &ResponseStatistics,
+    against: Against,
+}
 
-/// The responses that are drawn: symbol, which, and whether 1 is the plant's inverse.
-const RESPONSES: [(&str, Pick, bool); 3] = [
-    ("Gff", |all| &all.feedforward, false),
-    ("Gfb", |all| &all.feedback, false),
-    ("Gff·G", |all| &all.feedforward_plant, true),
-];
+/// What a response is compared with.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Against {
+    Nothing,
+    /// The plant's inverse, a curve.
+    Inverse,
+    /// 1, with what that means.
+    One(&'static str),
+}
+
+const FEEDFORWARD: Drawn = Drawn { symbol: "Gff", pick: |all| &all.feedforward, against: Against::Inverse };
+const FEEDBACK: Drawn = Drawn { symbol: "Gfb", pick: |all| &all.feedback, against: Against::Nothing };
+const PRODUCT: Drawn =
+    Drawn { symbol: "Gff·G", pick: |all| &all.feedforward_plant, against: Against::One("inverse of the plant") };
+const LOOP: Drawn = Drawn { symbol: "Gyr", pick: |all| &all.closed_loop, against: Against::One("y follows r") };
+
+/// A group's mean in one way of drawing.
+struct Curve<'a> {
+    name: String,
+    ink: Ink,
+    weight: Weight,
+    group: &'a GroupResponses,
+    of: &'a ControllerStatistics,
+}
 
 fn name(group: &GroupResponses, all: &[GroupResponses]) -> String {
     let own = group.group.as_deref().unwrap_or("without a group");
     let is_alone = all.iter().filter(|other| other.group == group.group).count() == 1;
-    if is_alone { own.to_owned() } else { format!("{own} on {}", group.plant.name) }
+    // Of one person the person is meant.
+    match group.trials.as_slice() {
+        [only] => only.code.clone(),
+        _ if is_alone => own.to_owned(),
+        _ => format!("{own} on {}", group.plant.name),
+    }
 }
 
-/// Line and band of a mean.
-fn series(name: &str, ink: Ink, x: &[f64], n: &[usize], [mean, sd]: [&[Option<f64>]; 2]) -> [Series; 2] {
-    let ends = mean.iter().zip(sd).zip(n).map(|((mean, sd), n)| {
-        let (mean, sd) = (*mean).zip(*sd).filter(|_| *n >= LEAST_FOR_BAND)?;
-        Some([mean - sd, mean + sd])
-    });
-    let band = Series::intervals(format!("{name}: mean ± 1 SD"), (Mark::Band, ink, Weight::Thin), x.to_vec(), ends);
-    let line = Series::values(name, (Mark::Line, ink, Weight::Thick), x.to_vec(), mean.iter().copied());
-    [band, line.labelled()]
+/// Band and line of a mean.
+fn series(curve: &Curve<'_>, x: &[f64], n: &[usize], [mean, sd]: [&[Option<f64>]; 2]) -> Vec<Series> {
+    let Curve { name, ink, weight, .. } = curve;
+    let line = Series::values(name.as_str(), (Mark::Line, *ink, *weight), x.to_vec(), mean.iter().copied());
+    let ends: Vec<Option<[f64; 2]>> = mean
+        .iter()
+        .zip(sd)
+        .zip(n)
+        .map(|((mean, sd), n)| {
+            let (mean, sd) = (*mean).zip(*sd).filter(|_| *n >= LEAST_FOR_BAND)?;
+            Some([mean - sd, mean + sd])
+        })
+        .collect();
+    let mut found = Vec::new();
+    if ends.iter().any(Option::is_some) {
+        let look = (Mark::Band, *ink, Weight::Thin);
+        found.push(Series::intervals(format!("{name}: mean ± 1 SD"), look, x.to_vec(), ends));
+    }
+    found.push(line.labelled());
+    found
 }
 
-/// Mean gain and phase over the subjects of each group, ± 1 SD: Gff, Gfb and Gff·G.
-#[must_use]
-pub fn mean_bode(responses: &StudyFrequencyResponses) -> Figure {
-    let x: Vec<f64> = responses.omega_rad_s.iter().map(|omega| omega / TAU).collect();
-    let groups = &responses.groups;
-    let trials = groups.iter().flat_map(|group| &group.trials);
-    let told = |trial: &ResponseTrial| if trial.feedback_not_told.is_some() { Level::DoNotUse } else { Level::Ok };
-    let found = of_mean(&trials.map(told).collect::<Vec<_>>());
-    let [all, bad] = [found.of, found.do_not_use];
-    let is_doubtful = found.level == Level::DoNotUse;
+/// The inverse dynamics of each plant, once.
+fn inverses(curves: &[Curve<'_>], x: &[f64], pick: fn(&Response) -> &Vec<Option<f64>>) -> Vec<Series> {
+    let mut seen: Vec<&str> = Vec::new();
+    let mut found = Vec::new();
+    for group in curves.iter().map(|curve| curve.group) {
+        let Some(inverse) = group.inverse_plant.as_ref().filter(|_| !seen.contains(&&*group.plant.id)) else {
+            continue;
+        };
+        seen.push(&group.plant.id);
+        let name = if curves.iter().all(|own| own.group.plant.id == group.plant.id) {
+            "G⁻¹".to_owned()
+        } else {
+            format!("G⁻¹ of {}", group.plant.name)
+        };
+        let look = (Mark::Line, Ink::Muted, Weight::Thin);
+        found.push(Series::values(name, look, x.to_vec(), pick(inverse).iter().copied()).labelled());
+    }
+    found
+}
+
+/// Gain above phase, for each response in a column of its own.
+fn panels(curves: &[Curve<'_>], x: &[f64], drawn: &[Drawn], is_doubtful: bool) -> Vec<Panel> {
     let mut panels = Vec::new();
-    for (column, (symbol, pick, is_reference)) in RESPONSES.into_iter().enumerate() {
+    for (column, Drawn { symbol, pick, against }) in drawn.iter().enumerate() {
         let (mut gains, mut phases) = (Vec::new(), Vec::new());
-        for (at, group) in groups.iter().enumerate() {
-            let (own, ink, name) = (pick(&group.all), Ink::of_group(at), name(group, groups));
-            gains.extend(series(&name, ink, &x, &own.n, [&own.mean_gain_db, &own.sd_gain_db]));
-            phases.extend(series(&name, ink, &x, &own.n, [&own.mean_phase_deg, &own.sd_phase_deg]));
+        if *against == Against::Inverse {
+            gains.extend(inverses(curves, x, |own| &own.gain_db));
+            phases.extend(inverses(curves, x, |own| &own.phase_deg));
         }
-        let title = if symbol == "Gfb" && is_doubtful { "Gfb: × do not use" } else { symbol };
+        for curve in curves {
+            let own = pick(curve.of);
+            gains.extend(series(curve, x, &own.n, [&own.mean_gain_db, &own.sd_gain_db]));
+            phases.extend(series(curve, x, &own.n, [&own.mean_phase_deg, &own.sd_phase_deg]));
+        }
+        let title = if *symbol == "Gfb" && is_doubtful { "Gfb: × do not use" } else { symbol };
         let mut gain = Panel::new(title, Axis::linear(format!("|{symbol}|"), "dB"), gains).in_column(column);
         let mut phase = Panel::new("", Axis::linear(format!("∠{symbol}"), "°"), phases).in_column(column);
-        if is_reference {
+        if let Against::One(meaning) = against {
             (gain.y, phase.y) = (gain.y.including(&[0.0]), phase.y.including(&[0.0]));
-            gain = gain.with_rule(0.0, "inverse of the plant", RuleKind::Reference);
+            gain = gain.with_rule(0.0, *meaning, RuleKind::Reference);
             phase = phase.with_rule(0.0, "", RuleKind::Reference);
         }
         panels.extend([gain, phase]);
     }
+    panels
+}
+
+/// Of how many trials, and in how many of them the stimuli do not tell the feedback, and what that says of their mean.
+fn doubts<'a>(groups: impl Iterator<Item = &'a GroupResponses>) -> ([usize; 2], bool) {
+    let told = |trial: &ResponseTrial| if trial.feedback_not_told.is_some() { Level::DoNotUse } else { Level::Ok };
+    let found = of_mean(&groups.flat_map(|group| &group.trials).map(told).collect::<Vec<_>>());
+    ([found.of, found.do_not_use], found.level == Level::DoNotUse)
+}
+
+fn hertz(responses: &StudyFrequencyResponses) -> Vec<f64> {
+    responses.omega_rad_s.iter().map(|omega| omega / TAU).collect()
+}
+
+/// Mean gain and phase over the subjects of each group, ± 1 SD: Gff beside G⁻¹, Gfb and Gff·G.
+#[must_use]
+pub fn mean_bode(responses: &StudyFrequencyResponses) -> Figure {
+    whole(responses, NAME, "", |group| Some(&group.all))
+}
+
+/// The same without the subjects of the largest and the smallest ‖Gff G − 1‖ (Zhang 2015, figure 5.18).
+#[must_use]
+pub fn trimmed_bode(responses: &StudyFrequencyResponses) -> Figure {
+    whole(responses, TRIMMED, ", without the extremes", |group| group.trimmed.as_ref())
+}
+
+fn whole(
+    responses: &StudyFrequencyResponses,
+    own_name: &str,
+    about: &str,
+    pick: fn(&GroupResponses) -> Option<&ControllerStatistics>,
+) -> Figure {
+    let groups = &responses.groups;
+    let ([all, bad], is_doubtful) = doubts(groups.iter());
+    let curves: Vec<Curve<'_>> = groups
+        .iter()
+        .enumerate()
+        .filter_map(|(at, group)| {
+            let (name, ink) = (name(group, groups), Ink::of_group(at));
+            Some(Curve { name, ink, weight: Weight::Thick, group, of: pick(group)? })
+        })
+        .collect();
+    let shown = match responses.selection {
+        TrialSelection::First => "the first trial".to_owned(),
+        TrialSelection::Last => "the last trial".to_owned(),
+        TrialSelection::Number(number) => format!("trial {number}"),
+    };
     Figure {
-        name: NAME.to_owned(),
-        title: match responses.selection {
-            TrialSelection::First => "Identified controllers on the first trial".to_owned(),
-            TrialSelection::Last => "Identified controllers on the last trial".to_owned(),
-            TrialSelection::Number(number) => format!("Identified controllers on trial {number}"),
-        },
-        description: description(groups),
-        caption: caption(groups, [all, bad]),
+        name: own_name.to_owned(),
+        title: format!("Identified controllers on {shown}{about}"),
+        description: description(&curves),
+        caption: caption(groups, &curves, [all, bad]),
         sampling: String::new(),
         x: Axis::logarithmic("frequency", "Hz"),
-        panels,
+        panels: panels(&curves, &hertz(responses), &[FEEDFORWARD, FEEDBACK, PRODUCT], is_doubtful),
     }
 }
 
-fn description(groups: &[GroupResponses]) -> String {
-    let sentence = |group: &GroupResponses| {
-        let gains = group.all.feedforward_plant.mean_gain_db.iter().flatten();
+/// First trials (thin) against last ones (thick): Gff beside G⁻¹, Gfb and the closed loop (Zhang 2015, figures 3.5 and
+/// 5.13).
+#[must_use]
+pub fn practice_bode(first: &StudyFrequencyResponses, last: &StudyFrequencyResponses) -> Figure {
+    let mut curves = Vec::new();
+    for (at, before) in first.groups.iter().enumerate() {
+        let after = last.groups.iter().find(|own| own.group == before.group && own.plant == before.plant);
+        // The first trial of a group is dashed as its second neighbour where there is one group alone.
+        let ink = Ink::of_group(at);
+        let before_ink = if first.groups.len() == 1 { Ink::Second } else { ink };
+        let named = |group, all, when| format!("{}, {when}", name(group, all));
+        curves.push(Curve {
+            name: named(before, &first.groups, "first"),
+            ink: before_ink,
+            weight: Weight::Thin,
+            group: before,
+            of: &before.all,
+        });
+        if let Some(after) = after {
+            let name = named(after, &last.groups, "last");
+            curves.push(Curve { name, ink, weight: Weight::Thick, group: after, of: &after.all });
+        }
+    }
+    let all_groups = || first.groups.iter().chain(&last.groups);
+    let ([all, bad], is_doubtful) = doubts(all_groups());
+    let groups: Vec<GroupResponses> = all_groups().cloned().collect();
+    let subjects: Vec<&str> = groups.iter().flat_map(|group| &group.trials).map(|own| own.code.as_str()).collect();
+    let of = match subjects.first() {
+        Some(only) if subjects.iter().all(|own| own == only) => format!(" of {only}"),
+        _ => String::new(),
+    };
+    Figure {
+        name: PRACTICE.to_owned(),
+        title: format!("Identified controllers{of} on the first and the last trial"),
+        description: description(&curves),
+        caption: format!("Thin: first trials; thick: last ones. {}", caption(&groups, &curves, [all, bad])),
+        sampling: String::new(),
+        x: Axis::logarithmic("frequency", "Hz"),
+        panels: panels(&curves, &hertz(last), &[FEEDFORWARD, FEEDBACK, LOOP], is_doubtful),
+    }
+}
+
+fn description(curves: &[Curve<'_>]) -> String {
+    let sentence = |curve: &Curve<'_>| {
+        let gains = curve.of.feedforward_plant.mean_gain_db.iter().flatten();
         let far = gains.copied().max_by(|a, b| a.abs().total_cmp(&b.abs()));
-        let name = name(group, groups);
+        let name = &curve.name;
         far.map_or_else(
             || format!("{name}: nothing is identified."),
             |far| {
@@ -97,23 +240,22 @@ fn description(groups: &[GroupResponses]) -> String {
             },
         )
     };
-    let sentences: Vec<String> = groups.iter().map(sentence).collect();
+    let sentences: Vec<String> = curves.iter().map(sentence).collect();
     if sentences.is_empty() { "Nothing is identified yet.".to_owned() } else { sentences.join(" ") }
 }
 
-fn caption(groups: &[GroupResponses], [all, bad]: [usize; 2]) -> String {
+fn caption(groups: &[GroupResponses], curves: &[Curve<'_>], [all, bad]: [usize; 2]) -> String {
     let mut text = "Mean over subjects of gain in dB and of phase; band: ± 1 SD of three subjects or more.".to_owned();
-    let named = |group: &GroupResponses| {
+    for curve in curves.iter().filter(|curve| !curve.group.trials.is_empty()) {
+        // Those that are drawn: the extremes are not where they are left out.
+        let drawn = curve.group.trials.iter().filter(|own| curve.of.subjects.contains(&own.code));
         let of = |own: &ResponseTrial| format!("{} {}", own.code, trial(own.session, own.number));
-        format!("{}: {}.", name(group, groups), listed(&group.trials.iter().map(of).collect::<Vec<_>>()))
-    };
-    for group in groups.iter().filter(|group| !group.trials.is_empty()) {
-        text.push_str(&format!(" {}", named(group)));
+        text.push_str(&format!(" {}: {}.", curve.name, listed(&drawn.map(of).collect::<Vec<_>>())));
     }
     if bad > 0 {
         text.push_str(&format!(
             " In {bad} of {all} trials the stimuli do not tell feedback from feedforward: the feedback shown is the \
-             choice of the pool."
+             method's choice."
         ));
     }
     let mut specs: Vec<String> =

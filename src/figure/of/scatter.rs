@@ -11,13 +11,34 @@ use crate::trust::Level;
 
 /// The name of the figure in addresses.
 pub const NAME: &str = "scatter";
+/// Against ‖Gff − G⁻¹‖.
+pub const INVERSE: &str = "scatter_inverse";
 
 /// Groups beyond so many have a panel each.
 const MOST_GROUPS: usize = 4;
 
-/// A dot for each identified trial; what is not to be used crossed out.
+/// Which distance of the feedforward from the inverse dynamics.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Distance {
+    /// ‖Gff G − 1‖.
+    PlantMinusOne,
+    /// ‖Gff − G⁻¹‖.
+    MinusInverse,
+}
+
+impl Distance {
+    fn of(self, point: &ScatterPoint) -> Option<f64> {
+        match self {
+            Self::PlantMinusOne => point.norm_feedforward_plant_minus_one,
+            Self::MinusInverse => point.norm_feedforward_minus_inverse,
+        }
+    }
+}
+
+/// A dot for each identified trial; what is not to be used crossed out. Trust is that of ‖Gff G − 1‖, from which the
+/// other distance differs by the plant alone.
 #[must_use]
-pub fn scatter(curves: &StudyLearningCurves, units: &Units) -> Figure {
+pub fn scatter(curves: &StudyLearningCurves, units: &Units, distance: Distance) -> Figure {
     let names = names(curves);
     let axis = || Axis::linear("mean |r − y|", units.output.as_str()).including(&[0.0]);
     let groups = || names.iter().zip(&curves.groups).enumerate();
@@ -25,16 +46,23 @@ pub fn scatter(curves: &StudyLearningCurves, units: &Units) -> Figure {
         vec![Panel::new(
             "",
             axis(),
-            groups().flat_map(|(at, (name, group))| dots(name, Ink::of_group(at), group)).collect(),
+            groups().flat_map(|(at, (name, group))| dots(name, Ink::of_group(at), group, distance)).collect(),
         )]
     } else {
-        groups().map(|(_, (name, group))| Panel::new(name.as_str(), axis(), dots(name, Ink::First, group))).collect()
+        groups()
+            .map(|(_, (name, group))| Panel::new(name.as_str(), axis(), dots(name, Ink::First, group, distance)))
+            .collect()
     };
-    for panel in &mut panels {
-        *panel = panel.clone().with_rule(1.0, "feedforward does nothing", RuleKind::Border);
+    if distance == Distance::PlantMinusOne {
+        for panel in &mut panels {
+            *panel = panel.clone().with_rule(1.0, "feedforward does nothing", RuleKind::Border);
+        }
     }
     let sentence = |(name, group): (&String, &GroupCurve)| {
-        let found = &group.scatter.error_against_plant_minus_one;
+        let found = match distance {
+            Distance::PlantMinusOne => &group.scatter.error_against_plant_minus_one,
+            Distance::MinusInverse => &group.scatter.error_against_minus_inverse,
+        };
         let bad = group.scatter.points.iter().filter(|point| point.trust == Level::DoNotUse).count();
         let reserve = if bad > 0 { format!("; {bad} of them are not to be used") } else { String::new() };
         match found.pearson {
@@ -47,12 +75,18 @@ pub fn scatter(curves: &StudyLearningCurves, units: &Units) -> Figure {
         }
     };
     let sentences: Vec<String> = names.iter().zip(&curves.groups).map(sentence).collect();
+    let (own_name, x) = match distance {
+        Distance::PlantMinusOne => (NAME, Axis::linear("‖Gff G − 1‖", "1")),
+        Distance::MinusInverse => {
+            (INVERSE, Axis::linear("‖Gff − G⁻¹‖", format!("{} / {}", units.control, units.output)))
+        }
+    };
     let mut specs: Vec<String> =
         curves.groups.iter().filter_map(|group| Some(eight(&group.spec.as_ref()?.spec_sha256).to_owned())).collect();
     specs.dedup();
     let spec = if specs.is_empty() { String::new() } else { format!(" Spec {}.", listed(&specs)) };
     Figure {
-        name: NAME.to_owned(),
+        name: own_name.to_owned(),
         title: "Tracking error against distance from the inverse dynamics".to_owned(),
         description: if sentences.is_empty() { "Nothing is identified yet.".to_owned() } else { sentences.join(" ") },
         caption: format!(
@@ -61,18 +95,14 @@ pub fn scatter(curves: &StudyLearningCurves, units: &Units) -> Figure {
             product()
         ),
         sampling: String::new(),
-        x: Axis::linear("‖Gff G − 1‖", "1").including(&[0.0]),
+        x: x.including(&[0.0]),
         panels,
     }
 }
 
-fn dots(name: &str, ink: Ink, group: &GroupCurve) -> Vec<Series> {
-    let mut points: Vec<(f64, &ScatterPoint)> = group
-        .scatter
-        .points
-        .iter()
-        .filter_map(|point| Some((point.norm_feedforward_plant_minus_one?, point)))
-        .collect();
+fn dots(name: &str, ink: Ink, group: &GroupCurve, distance: Distance) -> Vec<Series> {
+    let mut points: Vec<(f64, &ScatterPoint)> =
+        group.scatter.points.iter().filter_map(|point| Some((distance.of(point)?, point))).collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
     let series = |name: &str, mark, own: &[&(f64, &ScatterPoint)]| {
         let note = |(distance, point): &(f64, &ScatterPoint)| {

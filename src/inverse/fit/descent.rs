@@ -26,6 +26,8 @@ pub struct Descent {
     pub k: DMatrix<f64>,
     /// f before each step, and after the last.
     pub values: Vec<f64>,
+    /// ‖K − K_e‖_F/‖K_e‖_F before each step, and after the last.
+    pub distances: Vec<f64>,
     /// Steps of Q that were left out.
     pub rejected_q: usize,
     /// Steps of R that were left out.
@@ -59,6 +61,9 @@ pub fn descent(
     let (mut q, mut r) = (q.clone(), r.clone());
     let mut at = objective.evaluate(&q, &r, None)?;
     let mut values = Vec::with_capacity(settings.steps + 1);
+    let mut distances = Vec::with_capacity(settings.steps + 1);
+    let wanted = &objective.gains.k;
+    let distance = |k: &DMatrix<f64>| (k - wanted).norm() / wanted.norm();
     let (mut rejected_q, mut rejected_r) = (0, 0);
     let double = |g: &DMatrix<f64>| {
         DMatrix::from_fn(g.nrows(), g.ncols(), |i, j| if i == j { g[(i, j)] } else { 2.0 * g[(i, j)] })
@@ -66,6 +71,7 @@ pub fn descent(
     for _ in 0..settings.steps {
         ctl.check()?;
         values.push(at.value);
+        distances.push(distance(&at.k));
         let next_q = &q - double(&at.gradient_q) * settings.rate;
         let next_r = &r - double(&at.gradient_r) * settings.rate;
         if next_q.symmetric_eigenvalues().min() >= 0.0 {
@@ -81,5 +87,6 @@ pub fn descent(
         at = objective.evaluate(&q, &r, Some(&at.k))?;
     }
     values.push(at.value);
-    Ok(Descent { q, r, k: at.k, values, rejected_q, rejected_r })
+    distances.push(distance(&at.k));
+    Ok(Descent { q, r, k: at.k, values, distances, rejected_q, rejected_r })
 }

@@ -188,9 +188,10 @@ mod tests {
         assert_eq!((second.takes(), second.text("evil")), (Some(false), None));
         assert!(Settings::read(2, &pairs).is_none());
         let bad = |name: &str, text: &str| Settings(Map::from_iter([(name.to_owned(), text.into())]));
-        assert!(bad("sample_time_s", "-1").options().is_err());
-        assert!(bad("time_unit", "min").options().is_err());
-        assert!(bad("number", "0").integer("number", 1).is_err());
+        let place = |problem: Problem| problem.location.unwrap_or_default();
+        assert_eq!(place(bad("sample_time_s", "-1").options().unwrap_err()), "field sample time");
+        assert_eq!(place(bad("time_unit", "min").options().unwrap_err()), "field time unit");
+        assert_eq!(place(bad("number", "0").integer("number", 1).unwrap_err()), "field number");
         assert_eq!(bad("number", "7").integer("number", 1).unwrap(), Some(7));
     }
 }

@@ -1,33 +1,14 @@
 //! Figures over HTTP.
 
-use crate::api::harness::{Answer, Lab, TestServer};
+use crate::api::harness::{Answer, TestServer, upload_simulated as upload};
 use axum::http::header::IF_NONE_MATCH;
 use resvg::tiny_skia::Pixmap;
 use roxmltree::Document;
 use serde_json::{Value, json};
-use volition::simulate::reference_signals::chirp60;
-use volition::simulate::subject::SimulatedSubject;
-
-const SAMPLE_TIME_S: f64 = 0.05;
-
-/// A simulated person's recording as CSV.
-fn simulated(seed: u64, number: u32) -> String {
-    let plant = volition::plants::catalogue::minimum_phase();
-    let subject = SimulatedSubject::new(&plant, SAMPLE_TIME_S, seed).unwrap();
-    let trial = subject.trial(number, &chirp60(SAMPLE_TIME_S), None).unwrap();
-    let mut csv = Vec::new();
-    volition::trial::write::csv(&trial, &mut csv).unwrap();
-    String::from_utf8(csv).unwrap()
-}
-
-async fn upload(server: &TestServer, lab: &Lab, seed: u64, number: u32) -> String {
-    let query = format!("&number={number}&sample_time_s={SAMPLE_TIME_S}");
-    server.upload_csv(lab, &query, simulated(seed, number)).await.id(201)
-}
 
 /// The names that a thing lists, each of which must answer in every format, with the same numbers in CSV and JSON as in
 /// the drawing.
-async fn all_of(server: &TestServer, address: &str) -> Vec<String> {
+pub(super) async fn all_of(server: &TestServer, address: &str) -> Vec<String> {
     let list = server.get(&format!("{address}/figures")).await.json(200);
     let mut names = Vec::new();
     for entry in list["figures"].as_array().unwrap() {
@@ -204,7 +185,7 @@ async fn studies_and_reports_are_drawn() {
     let id = |run: &Value| run["analyses"][0]["id"].as_str().unwrap().to_owned();
 
     let study = format!("/v1/studies/{}", lab.study);
-    assert_eq!(all_of(&server, &study).await.len(), 10);
+    assert_eq!(all_of(&server, &study).await.len(), 17);
     let curve = format!("{study}/figures/norm_feedforward_plant_minus_one?format=json");
     let figure = server.get(&curve).await.json(200);
     let curves = server.get(&format!("{study}/learning-curves")).await.json(200);
@@ -308,11 +289,15 @@ async fn reports_about_costs_excitations_and_designs_are_drawn() {
     let mut reports = std::collections::BTreeMap::new();
     for (kind, change) in [
         ("inverse_lqr", json!({})),
+        ("simulate", json!({})),
         ("inverse_lqg", json!({})),
         ("gain_fit", json!({})),
         ("excitation_quality", json!({"include_samples": true})),
         ("compensator_design", json!({"sweep": {"count": 20}})),
-        ("input_design", json!({})),
+        (
+            "input_design",
+            json!({"limits": {"input": 1.5, "outputs": {"position": 0.8}, "autocorrelation": {"tolerance": 0.3}}}),
+        ),
     ] {
         let mut request: Value = serde_json::from_str(about(kind).example).unwrap();
         for (key, value) in change.as_object().unwrap() {
@@ -340,11 +325,17 @@ async fn reports_about_costs_excitations_and_designs_are_drawn() {
             "excitation_quality signal",
             "excitation_quality spectrum",
             "gain_fit return_difference",
+            "input_design autocorrelation",
             "input_design deviations",
+            "input_design improvement",
             "input_design input",
+            "input_design outputs",
             "inverse_lqg cost",
             "inverse_lqr cost",
             "inverse_lqr return_difference",
+            "simulate bode",
+            "simulate signals",
+            "simulate step",
         ]
     );
     let numbers = |value: &Value| -> Vec<f64> { value.as_array().unwrap().iter().filter_map(Value::as_f64).collect() };
@@ -378,6 +369,30 @@ async fn reports_about_costs_excitations_and_designs_are_drawn() {
     for (ratio, parameter) in ratios.iter().zip(design["parameters"].as_array().unwrap()) {
         assert!((ratio.powi(2) / parameter["variance_ratio"].as_f64().unwrap() - 1.0).abs() < 1e-9, "{parameter}");
     }
+
+    assert_eq!(numbers(&series("input_design improvement", 0, 0)["y"]), numbers(&design["history"]));
+    for (panel, course) in design["courses"].as_array().unwrap().iter().enumerate() {
+        for (at, name) in [(0, "before"), (1, "after")] {
+            assert_eq!(numbers(&series("input_design outputs", panel, at)["y"]), numbers(&course[name]));
+        }
+        // What is drawn reaches what the proof of its limit says.
+        let name = &course["name"];
+        let limit = design["limits"].as_array().unwrap().iter().find(|own| own["name"] == *name);
+        if let Some(limit) = limit {
+            let most = numbers(&course["after"]).into_iter().fold(f64::NEG_INFINITY, f64::max);
+            assert!((most - limit["reached"][1].as_f64().unwrap()).abs() <= 1e-12 * most.abs(), "{name}");
+        }
+    }
+    assert_eq!(
+        numbers(&series("input_design autocorrelation", 0, 2)["y"]),
+        numbers(&design["autocorrelation"]["after"])
+    );
+    let simulated = result("simulate signals");
+    let drawn_y = numbers(&series("simulate signals", 0, 1)["y"]);
+    let simulated_y = numbers(&simulated["signals"]["y"]);
+    assert!(!drawn_y.is_empty() && drawn_y.iter().all(|y| simulated_y.contains(y)));
+    let gain = series("simulate bode", 0, 0);
+    assert_eq!(numbers(&gain["y"]), numbers(&simulated["frequency_responses"]["feedforward"]["gain_db"]));
 
     let sweep = result("compensator_design compensator")["sweep"][0].clone();
     // Where the loop is not stable there is nothing to draw.

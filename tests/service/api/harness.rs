@@ -14,6 +14,8 @@ use tokio_util::sync::CancellationToken;
 use volition::api::{AppState, Limits};
 use volition::jobs::Status;
 use volition::pages::router;
+use volition::simulate::reference_signals::chirp60;
+use volition::simulate::subject::SimulatedSubject;
 use volition::store::{Page, Store};
 use volition::worker::{Analyses, Worker, WorkerSettings};
 
@@ -279,6 +281,25 @@ pub fn recording(samples: usize, seed: f64) -> String {
         csv.push_str(&format!("{t:.2},{r},{u},{y}\n"));
     }
     csv
+}
+
+/// The sample time of simulated recordings, in seconds.
+pub const SIMULATED_TIME_S: f64 = 0.05;
+
+/// A simulated person's recording as CSV.
+pub fn simulated(seed: u64, number: u32) -> String {
+    let plant = volition::plants::catalogue::minimum_phase();
+    let subject = SimulatedSubject::new(&plant, SIMULATED_TIME_S, seed).unwrap();
+    let trial = subject.trial(number, &chirp60(SIMULATED_TIME_S), None).unwrap();
+    let mut csv = Vec::new();
+    volition::trial::write::csv(&trial, &mut csv).unwrap();
+    String::from_utf8(csv).unwrap()
+}
+
+/// Stores a simulated person's recording; its id.
+pub async fn upload_simulated(server: &TestServer, lab: &Lab, seed: u64, number: u32) -> String {
+    let query = format!("&number={number}&sample_time_s={SIMULATED_TIME_S}");
+    server.upload_csv(lab, &query, simulated(seed, number)).await.id(201)
 }
 
 /// Packed with gzip.

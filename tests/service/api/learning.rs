@@ -1,8 +1,6 @@
-use crate::api::harness::{Lab, TestServer};
+use crate::api::harness::{Lab, TestServer, simulated};
 use num_complex::Complex64;
 use serde_json::{Value, json};
-use volition::simulate::reference_signals::chirp60;
-use volition::simulate::subject::SimulatedSubject;
 
 #[tokio::test]
 async fn curves_before_anything_is_identified() {
@@ -61,17 +59,6 @@ async fn groups_are_told_apart() {
     assert_eq!(groups(&server.get(&path).await.json(200)), ["gm", "gn"]);
     assert_eq!(groups(&server.get(&format!("{path}?group=gn")).await.json(200)), ["gn"]);
     server.finish().await;
-}
-
-/// A simulated person's recording as CSV.
-fn simulated(seed: u64, number: u32) -> String {
-    const SAMPLE_TIME_S: f64 = 0.05;
-    let plant = volition::plants::catalogue::minimum_phase();
-    let subject = SimulatedSubject::new(&plant, SAMPLE_TIME_S, seed).unwrap();
-    let trial = subject.trial(number, &chirp60(SAMPLE_TIME_S), None).unwrap();
-    let mut csv = Vec::new();
-    volition::trial::write::csv(&trial, &mut csv).unwrap();
-    String::from_utf8(csv).unwrap()
 }
 
 /// A transfer function of a report at ω.

@@ -19,6 +19,7 @@ mod limits;
 mod lqg_fit;
 mod openapi;
 mod plants;
+mod publications;
 mod recordings;
 mod service;
 mod simulate;

@@ -79,6 +79,17 @@ async fn an_excitation_is_designed_beside_its_figures() {
     assert_eq!(file.text.lines().count(), 261);
     let peak = file.text.lines().skip(1).map(|line| line.split(',').nth(1).unwrap().parse::<f64>().unwrap().abs());
     assert_eq!(peak.fold(0.0, f64::max), 2.0);
+    // MATLAB and NumPy read the same samples, and limits of the device are held against them.
+    for (form, begin) in [("mat", "MATLAB 5.0 MAT-file"), ("npz", "PK\u{3}\u{4}")] {
+        let answer = look(&server, "GET", &format!("{query}&format={form}"), &[]).await;
+        assert_eq!(answer.status, 200, "{form}");
+        assert!(answer.header("content-disposition").contains(&format!("excitation.{form}")));
+        assert!(answer.text.starts_with(begin), "{form}");
+    }
+    let limited = page(&server, &format!("{query}&position=1.5&velocity=1e9")).await;
+    limited.has("✕ above the limit position reaches 2.00 of 1.50");
+    limited.has("✓ within the limit velocity (per s) reaches");
+    assert!(limited.text.contains("class=\"f-limit\""), "the limit is a line of the figure");
     // What is shown is what the interface answers to the request that is shown.
     let text = seen.text.split("<pre tabindex=\"0\"><code>").nth(1).unwrap().split("</code>").next().unwrap();
     let request: serde_json::Value = serde_json::from_str(&text.replace("&quot;", "\"")).unwrap();

@@ -8,10 +8,8 @@ mod shown;
 mod start;
 mod uploads;
 
-use crate::api::harness::{Lab, TestServer};
+use crate::api::harness::{Lab, TestServer, upload_simulated as upload};
 use serde_json::json;
-use volition::simulate::reference_signals::chirp60;
-use volition::simulate::subject::SimulatedSubject;
 
 /// A page, wholly read.
 struct Seen {
@@ -87,23 +85,6 @@ fn stands_alone(seen: &Seen) {
     assert_eq!(text.matches("<h1>").count(), 1);
     assert_eq!(text.matches("<main").count(), 1);
     assert!(text.contains("<html lang=\"en\"") && text.contains("href=\"#main\""));
-}
-
-const SAMPLE_TIME_S: f64 = 0.05;
-
-/// A simulated person's recording as CSV.
-fn simulated(seed: u64, number: u32) -> String {
-    let plant = volition::plants::catalogue::minimum_phase();
-    let subject = SimulatedSubject::new(&plant, SAMPLE_TIME_S, seed).unwrap();
-    let trial = subject.trial(number, &chirp60(SAMPLE_TIME_S), None).unwrap();
-    let mut csv = Vec::new();
-    volition::trial::write::csv(&trial, &mut csv).unwrap();
-    String::from_utf8(csv).unwrap()
-}
-
-async fn upload(server: &TestServer, lab: &Lab, seed: u64, number: u32) -> String {
-    let query = format!("&number={number}&sample_time_s={SAMPLE_TIME_S}");
-    server.upload_csv(lab, &query, simulated(seed, number)).await.id(201)
 }
 
 /// Three people with two trials each, identified from their own noise; the ids of the trials by person.

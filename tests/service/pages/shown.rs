@@ -62,6 +62,18 @@ async fn a_study_says_the_answer_first_and_its_numbers_are_those_of_the_interfac
             assert!(grid.text.contains(&cell), "{cell} is missing");
         }
     }
+    // Controllers by prediction errors have their mean too, and every figure its numbers as a table.
+    assert_eq!(seen.text.matches("data-figure=\"bode\"").count(), 2);
+    let cards = seen.text.matches("class=\"card figure\"").count();
+    assert_eq!(seen.text.matches("<details class=\"numbers\">").count(), cards);
+    let more = page(&server, &format!("{path}?figure=bode_practice")).await;
+    assert_eq!(more.text.matches("data-figure=\"bode_practice\"").count(), 2);
+    page(&server, &format!("{path}?figure=plant_zero")).await.has("Nothing to draw");
+    // The first page counts what the grid of the study counts.
+    let counts = server.get(&format!("/v1/studies/{}/trust?estimator=prediction_error", lab.study)).await.json(200);
+    let counts = &counts["counts"];
+    let home = page(&server, "/").await;
+    home.has(&format!("✓ {} ! {} ✕ {}", counts["ok"], counts["read"], counts["do_not_use"]));
     // Both widths of the figure are there, and it says its finding to those who do not see it.
     assert_eq!(seen.text.matches("data-figure=\"mean_abs_error\"").count(), 2);
     assert!(seen.text.contains("<desc>") && seen.text.contains("role=\"img\""));
@@ -129,6 +141,79 @@ async fn a_subject_and_its_trials_lead_to_one_another() {
 }
 
 #[tokio::test]
+async fn what_is_said_of_a_trial_is_kept_and_leaves_it_out() {
+    let server = TestServer::start().await;
+    let (lab, trials) = filled(&server).await;
+    let trial = &trials[0][1];
+    let path = format!("/trials/{trial}/remarks");
+    let said = super::start::send(&server, &path, &[("note", "a cough"), ("excluded", "<b>let go</b>")]).await;
+    assert_eq!((said.status, said.header("location")), (303, format!("/trials/{trial}").as_str()));
+    let seen = page(&server, &format!("/trials/{trial}")).await;
+    seen.has("somebody excluded it");
+    assert!(
+        seen.text.contains("value=\"&lt;b&gt;let go&lt;/b&gt;\"") && seen.text.contains(">a cough<"),
+        "{}",
+        seen.text
+    );
+    let stored = server.get(&format!("/v1/trials/{trial}")).await.json(200);
+    assert_eq!((&stored["note"], &stored["excluded"]["reason"]), (&json!("a cough"), &json!("<b>let go</b>")));
+    page(&server, &format!("/studies/{}", lab.study)).await.has("s01 trial 20 (<b>let go</b>)");
+    let said = super::start::send(&server, &path, &[("note", ""), ("excluded", "")]).await;
+    assert_eq!(said.status, 303);
+    assert_eq!(server.get(&format!("/v1/trials/{trial}")).await.json(200)["excluded"], Value::Null);
+    let long = "x".repeat(5000);
+    let said = super::start::send(&server, &path, &[("note", ""), ("excluded", &long)]).await;
+    assert_eq!(said.status, 422);
+    server.finish().await;
+}
+
+#[tokio::test]
+async fn analyses_are_compared_with_what_was_asked_differently() {
+    let server = TestServer::start().await;
+    let lab = server.lab().await;
+    let trials = [upload(&server, &lab, 1, 1).await, upload(&server, &lab, 1, 20).await];
+    let mut ids = Vec::new();
+    for (trial, ahead) in [(&trials[0], 0.1), (&trials[1], 0.1), (&trials[1], 0.2)] {
+        let spec = json!({"band_hz": [0.02, 0.5], "preview_s": ahead});
+        let request = json!({"kind": "prediction_error", "inputs": {"trial": trial}, "spec": spec});
+        ids.push(server.post("/v1/analyses", &request).await.id(202));
+    }
+    server.work().await;
+    let same = page(&server, &format!("/compare?a={}&b={}", ids[0], ids[1])).await;
+    assert!(!same.words().contains("identified in different ways"));
+    same.has("inputs/trial");
+    assert!(!same.text.contains("spec/preview_s") && same.text.contains("data-figure=\"overlay\""));
+    // The distance fell by far more than its intervals: it stands before what did not.
+    let trust = |id: &str| {
+        let address = format!("/v1/analyses/{id}/trust");
+        let server = &server;
+        async move { server.get(&address).await.json(200)["trust"].clone() }
+    };
+    let of = |trust: &Value| {
+        let all = trust.as_array().unwrap();
+        let own = all.iter().find(|own| own["quantity"] == "norm_feedforward_plant_minus_one").unwrap();
+        [own["interval_95"][0].as_f64().unwrap(), own["interval_95"][1].as_f64().unwrap()]
+    };
+    let (first, last) = (of(&trust(&ids[0]).await), of(&trust(&ids[1]).await));
+    assert!(last[1] < first[0], "{first:?} {last:?}");
+    let row = same.text.find("<tr data-differs>").expect("a row that differs");
+    assert!(same.text[row..].starts_with("<tr data-differs><th scope=\"row\">norm feed"), "{:.300}", &same.text[row..]);
+    let differ = page(&server, &format!("/compare?a={}&b={}&c={}", ids[0], ids[1], ids[2])).await;
+    differ.has("These were identified in different ways: a difference may come from the method.");
+    differ.has("spec/preview_s");
+    for (query, status) in [
+        (format!("a={}", ids[0]), 400),
+        (format!("a={}&b={}", ids[0], ids[0]), 400),
+        (format!("a={}&b=0199d2f4-7a3c-7bb0-8a41-2f6a7e1c9d10", ids[0]), 404),
+    ] {
+        assert_eq!(look(&server, "GET", &format!("/compare?{query}"), &[]).await.status, status, "{query}");
+    }
+    // From the page of the trial, what else was asked of it.
+    page(&server, &format!("/trials/{}", trials[1])).await.has("compare prediction_error with the one shown");
+    server.finish().await;
+}
+
+#[tokio::test]
 async fn an_analysis_is_shown_through_its_life() {
     let server = TestServer::start().await;
     let lab = server.lab().await;
@@ -165,6 +250,18 @@ async fn an_analysis_is_shown_through_its_life() {
         look(&server, "POST", &format!("/analyses/{}/cancel", ids[1]), &[("sec-fetch-site", "same-origin")]).await;
     assert_eq!((sent.status, sent.header("location")), (303, address(&ids[1]).as_str()));
     page(&server, &address(&ids[1])).await.has("Somebody stopped it");
+    // Several are cancelled, and asked for again, from the queue.
+    let several =
+        [server.post("/v1/analyses", &request).await.id(202), server.post("/v1/analyses", &request).await.id(202)];
+    let ticked = |verb| [("do", verb), ("id", several[0].as_str()), ("id", several[1].as_str())];
+    page(&server, "/queue").await.has("Cancel those that are ticked");
+    let sent = super::start::send(&server, "/queue", &ticked("cancel")).await;
+    assert_eq!((sent.status, sent.header("location")), (303, "/queue"));
+    for id in &several {
+        assert_eq!(server.get(&format!("/v1/analyses/{id}")).await.json(200)["status"], "cancelled");
+    }
+    assert_eq!(super::start::send(&server, "/queue", &[("do", "burn"), ("id", &several[0])]).await.status, 400);
+    assert_eq!(super::start::send(&server, "/queue", &[("do", "cancel"), ("id", "7")]).await.status, 400);
     // Asked for again, it is another one with the same request.
     let sent = look(&server, "POST", &format!("/analyses/{}/again", ids[1]), &[]).await;
     let again = sent.header("location").to_owned();
@@ -221,6 +318,6 @@ async fn what_is_not_there_is_said_as_a_page_to_browsers_alone() {
     let seen = look(&server, "GET", "/v1/nowhere", &[]).await;
     assert_eq!((seen.status, seen.header("content-type")), (404, "application/problem+json"));
     let seen = look(&server, "DELETE", "/queue", &[]).await;
-    assert_eq!((seen.status, seen.header("allow")), (405, "GET,HEAD"));
+    assert_eq!((seen.status, seen.header("allow")), (405, "GET,HEAD,POST"));
     server.finish().await;
 }

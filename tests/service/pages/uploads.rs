@@ -1,8 +1,8 @@
 //! Recordings that are looked at before they are stored.
 
 use super::start::send;
-use super::{SAMPLE_TIME_S, page, simulated, stands_alone};
-use crate::api::harness::TestServer;
+use super::{page, stands_alone};
+use crate::api::harness::{SIMULATED_TIME_S, TestServer, simulated};
 use reqwest::multipart::{Form, Part};
 use serde_json::json;
 
@@ -31,7 +31,7 @@ fn renamed(seed: u64, number: u32) -> Vec<u8> {
     for (at, line) in csv.lines().skip(1).enumerate() {
         let cells: Vec<&str> = line.split(',').collect();
         let [.., r, u, y] = cells.as_slice() else { panic!("{line}") };
-        out.push_str(&format!("{},{r},{u},{y},0\n", at as f64 * SAMPLE_TIME_S * 1000.0));
+        out.push_str(&format!("{},{r},{u},{y},0\n", at as f64 * SIMULATED_TIME_S * 1000.0));
     }
     out.into_bytes()
 }
@@ -47,7 +47,7 @@ async fn files_are_looked_at_mended_stored_and_identified() {
         let csv = simulated(seed, number);
         let mut out = String::new();
         for (at, line) in csv.lines().enumerate() {
-            let time = if at == 0 { "t".to_owned() } else { format!("{:.2}", (at - 1) as f64 * SAMPLE_TIME_S) };
+            let time = if at == 0 { "t".to_owned() } else { format!("{:.2}", (at - 1) as f64 * SIMULATED_TIME_S) };
             let rest: Vec<&str> = line.split(',').collect();
             out.push_str(&format!("{time},{}\n", rest[rest.len() - 3..].join(",")));
         }

@@ -296,14 +296,14 @@ async fn figures_of_a_study_are_written() {
     let done = call(&["--format", "svg", "--width", "320"]);
     assert_eq!(done.status.code(), Some(0), "{}", String::from_utf8_lossy(&done.stderr));
     let printed = String::from_utf8(done.stdout).unwrap();
-    assert_eq!(printed.lines().count(), 10, "{printed}");
+    assert_eq!(printed.lines().count(), 17, "{printed}");
     for line in printed.lines() {
         let text = std::fs::read_to_string(line).unwrap();
         // The width of a column of a paper, in its own measure.
         assert!(text.starts_with("<svg ") && text.contains("width=\"84.67mm\""), "{line}: {text:.200}");
     }
     // What a publication shows; a study without trials has nobody's signals.
-    for (name, count) in [("zhang2015_chapter_3", 6), ("zhang2015_chapter_5", 9)] {
+    for (name, count) in [("zhang2015_chapter_3", 6), ("zhang2015_chapter_5", 13)] {
         let done = call(&["--like", name]);
         assert_eq!(done.status.code(), Some(0), "{}", String::from_utf8_lossy(&done.stderr));
         let printed = String::from_utf8(done.stdout).unwrap();
@@ -314,7 +314,11 @@ async fn figures_of_a_study_are_written() {
     let unknown = call(&["--like", "zhang2016"]);
     assert_eq!(unknown.status.code(), Some(1));
     let said = String::from_utf8_lossy(&unknown.stderr).into_owned();
-    assert!(said.contains("zhang2015_chapter_3 and zhang2015_chapter_5"), "{said}");
+    assert!(said.contains("zhang2015_chapter_3, zhang2015_chapter_5, qiu2021"), "{said}");
+    let of_an_analysis = call(&["--like", "priess2015_chapter_5"]);
+    assert_eq!(of_an_analysis.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&of_an_analysis.stderr).into_owned();
+    assert!(said.contains("shows an analysis, and this is a study"), "{said}");
     let refused = call(&["--format", "pdf"]);
     assert_eq!(refused.status.code(), Some(2));
     assert_eq!(problem(&refused)["where"], "query parameter format");
