@@ -43,7 +43,7 @@ def labview():
     body = rows("{t:.6f}\t{r:.6f}\t{u:.6f}\t{y:.6f}\n").replace("\n", "\r\n")
     put("labview.lvm", head.format(".").replace("\n", "\r\n") + body)
     put("labview_de.lvm", head.format(",").replace("\n", "\r\n") + comma(body))
-    put("labview_spreadsheet.txt", rows("{t:.3f}\t{r:.3f}\t{u:.3f}\t{y:.3f}\n"))
+    put("labview_spreadsheet.txt", rows("{t:.3f}\t{r:.3f}\t{u:.3f}\t{y:.4f}\n"))
 
 
 def matlab():

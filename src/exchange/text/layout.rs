@@ -148,7 +148,8 @@ pub fn recognise(head: &str, is_whole: bool, mapping: &ColumnMapping) -> Option<
     let comment =
         COMMENTS.into_iter().find(|marker| lines.iter().any(|(_, line)| line.trim_start().starts_with(marker)));
     let mut comments: Vec<String> = comment.iter().map(|marker| (*marker).to_owned()).collect();
-    if comment.is_some() && lines[0].1.contains(OF_EYELINK) {
+    let is_of_eyelink = comment.is_some() && lines[0].1.contains(OF_EYELINK);
+    if is_of_eyelink {
         comments.extend(EVENTS.map(str::to_owned));
     }
     let is_comment = |line: &str| comments.iter().any(|marker| line.trim_start().starts_with(marker));
@@ -184,6 +185,10 @@ pub fn recognise(head: &str, is_whole: bool, mapping: &ColumnMapping) -> Option<
             layout.first_row = row.line;
         }
         layout.trap = trap(&cuts[first..]);
+        if is_of_eyelink {
+            // Its first column counts them, whatever the rate.
+            layout.units.push(Some("ms".to_owned()));
+        }
     }
     fit_width(&mut layout, &cuts[first..], width);
     let named = u64::from(layout.titles != Titles::None) + u64::from(layout.units_row.is_some());
@@ -217,8 +222,9 @@ fn first_sample(cuts: &[Cut], width: usize, decimal_comma: bool) -> Option<usize
 fn header(above: &[Cut], width: usize, mapping: &ColumnMapping) -> Option<usize> {
     // By position any line of so many cells would do: then only one that is as long as the samples.
     let by_position = Channel::ALL.into_iter().any(|c| mapping.name(c).is_some_and(|n| n.parse::<usize>().is_ok()));
-    let is_long = |cut: &Cut| (width.saturating_sub(1)..=width + 1).contains(&cut.cells.len());
-    let is_row = |cut: &Cut| cut.cells.len() > 1 && !cut.is_sample() && !cut.has_key();
+    let fewer = usize::from(!by_position);
+    let is_long = |cut: &Cut| (width.saturating_sub(fewer)..=width + 1).contains(&cut.cells.len());
+    let is_row = |cut: &Cut| cut.cells.len() > 1 && cut.numbers == 0 && !cut.is_sample() && !cut.has_key();
     let has_title = |cut: &Cut| cut.cells.len() > 1 && cut.has_title();
     let is_found = |cut: &Cut| (is_long(cut) || !by_position) && names::find(&cut.cells, mapping, "").is_ok();
     let last = |wanted: &dyn Fn(&Cut) -> bool| above.iter().rposition(wanted);
@@ -255,7 +261,12 @@ fn best(lines: &[(u64, &str)]) -> Option<((Delimiter, bool), usize)> {
         }
         let Some((width, _)) = widths.into_iter().max_by_key(|(width, count)| (*count, *width)) else { continue };
         let score = samples().filter(|cut| cut.cells.len() == width).map(|cut| cut.numbers + cut.missing).sum();
-        if score > best.map_or(0, |(_, _, score)| score) {
+        // Between spaces, settings above the samples may look like some more of them; names with spaces are lost.
+        let needed = best.map_or(0, |(other, _, score)| match (other.0, candidate.0) {
+            (Delimiter::Tab, Delimiter::Spaces) => score + score / 2,
+            _ => score,
+        });
+        if score > needed {
             best = Some((candidate, width, score));
         }
     }

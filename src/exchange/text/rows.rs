@@ -1,6 +1,7 @@
 //! Lines taken apart, and what their cells seem to be.
 
 use crate::exchange::names::is_unit_of_time;
+use crate::exchange::options::TimeUnit;
 use crate::trial::csv::{Delimiter, is_missing, is_number, split};
 
 /// What a cell is.
@@ -99,7 +100,9 @@ pub(super) fn are_units(cells: &[String]) -> bool {
         bare.chars().count() <= 8 && !["t", "r", "u", "y", "d"].contains(&bare.to_lowercase().as_str())
     };
     let is_of_physics = |cell: &String| bare_unit(cell).is_none_or(|unit| is_physical(&unit));
-    let has_time = cells.iter().any(|cell| bare_unit(cell).is_some_and(|unit| is_unit_of_time(&unit)));
+    // `Frame` and `Sample` are names of columns, too.
+    let is_time = |unit: &str| is_unit_of_time(unit) && TimeUnit::as_written(unit) != Some(TimeUnit::Samples);
+    let has_time = cells.iter().any(|cell| bare_unit(cell).is_some_and(|unit| is_time(&unit)));
     cells.iter().any(|cell| !cell.is_empty())
         && (cells.iter().all(is_bracketed) || has_time && cells.iter().all(is_unit) || cells.iter().all(is_of_physics))
 }
