@@ -4,7 +4,9 @@ use super::extract::header_text;
 use super::problem::{ApiResult, RequestCode};
 use crate::analysis::Problem;
 use crate::num::hexadecimal::hexadecimal;
+use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -35,6 +37,36 @@ impl ETag {
     pub(crate) fn value(&self) -> HeaderValue {
         HeaderValue::from_str(&self.0).unwrap_or_else(|_| HeaderValue::from_static("\"\""))
     }
+}
+
+/// What stands at the end of the tag of a packed answer: the bytes are others, and so is their strong tag.
+const PACKED: &str = "-gzip";
+
+/// The tag of the same answer packed.
+fn packed(tag: &str) -> Option<String> {
+    Some(format!("{}{PACKED}\"", tag.strip_suffix('"').filter(|_| tag.starts_with('"'))?))
+}
+
+/// The tag of the same answer as it is.
+fn unpacked(tag: &str) -> String {
+    tag.strip_suffix(&format!("{PACKED}\"")).map_or_else(|| tag.to_owned(), |tag| format!("{tag}\""))
+}
+
+/// Gives packed answers a tag of their own (RFC 9110, section 8.8.3.3), and repeats it where nothing has changed since.
+pub(super) async fn tag_packed(request: Request, next: Next) -> Response {
+    let known = listed(request.headers(), &header::IF_NONE_MATCH).unwrap_or_default();
+    let known: Vec<String> = known.into_iter().filter(|tag| unpacked(tag) != **tag).map(str::to_owned).collect();
+    let mut response = next.run(request).await;
+    let headers = response.headers();
+    let is_packed = headers.get(header::CONTENT_ENCODING).is_some_and(|encoding| encoding == "gzip");
+    let is_unchanged = response.status() == StatusCode::NOT_MODIFIED;
+    let tag = headers.get(header::ETAG).and_then(|tag| tag.to_str().ok()).and_then(packed);
+    if let Some(tag) = tag.filter(|tag| is_packed || is_unchanged && known.contains(tag))
+        && let Ok(value) = HeaderValue::from_str(&tag)
+    {
+        response.headers_mut().insert(header::ETAG, value);
+    }
+    response
 }
 
 /// Header of a conditional read.
@@ -73,7 +105,7 @@ fn listed<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Option<Vec<&'a str>>
 #[must_use]
 pub(crate) fn is_known(headers: &HeaderMap, tag: &ETag) -> bool {
     listed(headers, &header::IF_NONE_MATCH).is_some_and(|tags| {
-        tags.iter().any(|known| *known == "*" || known.strip_prefix("W/").unwrap_or(known) == tag.0)
+        tags.iter().any(|known| *known == "*" || unpacked(known.strip_prefix("W/").unwrap_or(known)) == tag.0)
     })
 }
 
@@ -84,7 +116,7 @@ pub(crate) fn is_known(headers: &HeaderMap, tag: &ETag) -> bool {
 pub(crate) fn require_match<T: Serialize>(headers: &HeaderMap, current: &T, version: i64) -> ApiResult<Option<i64>> {
     let Some(tags) = listed(headers, &header::IF_MATCH) else { return Ok(None) };
     let tag = ETag::of_bytes(&to_json(current)?);
-    if tags.iter().any(|wanted| *wanted == "*" || *wanted == tag.0) {
+    if tags.iter().any(|wanted| *wanted == "*" || unpacked(wanted) == tag.0) {
         return Ok(Some(version));
     }
     Err(Problem::new(
@@ -167,13 +199,16 @@ mod tests {
     fn reads_compare_weakly_and_writes_strongly() {
         let tag = ETag::of_bytes(&to_json(&7).unwrap());
         let text = tag.value().to_str().unwrap().to_owned();
-        for value in [text.clone(), format!("W/{text}"), format!("\"x\", {text}"), "*".into()] {
+        let packed = packed(&text).unwrap();
+        assert_eq!((packed.len(), unpacked(&packed)), (text.len() + 5, text.clone()));
+        for value in [text.clone(), format!("W/{text}"), format!("\"x\", {text}"), "*".into(), packed.clone()] {
             assert!(is_known(&headers(header::IF_NONE_MATCH, &value), &tag), "{value}");
         }
         assert!(!is_known(&headers(header::IF_NONE_MATCH, "\"x\""), &tag));
         assert_eq!(require_match(&HeaderMap::new(), &7, 3).unwrap(), None);
         assert_eq!(require_match(&headers(header::IF_MATCH, &text), &7, 3).unwrap(), Some(3));
         assert_eq!(require_match(&headers(header::IF_MATCH, "*"), &7, 3).unwrap(), Some(3));
+        assert_eq!(require_match(&headers(header::IF_MATCH, &packed), &7, 3).unwrap(), Some(3));
         for value in [format!("W/{text}"), "\"x\"".into(), "nonsense".into()] {
             let error = require_match(&headers(header::IF_MATCH, &value), &7, 3).unwrap_err();
             assert_eq!(error.problem().code, RequestCode::PreconditionFailed.into(), "{value}");

@@ -2,6 +2,7 @@
 
 use super::accept::{Offers, honour, media_types};
 use super::cross_origin::cross_origin;
+use super::etag::tag_packed;
 use super::guard::guard;
 use super::index::{Resource, ResourceMethod};
 use super::problem::{HttpProblem, PROBLEM_JSON};
@@ -12,7 +13,7 @@ use super::{
     trust, upload,
 };
 use axum::Router;
-use axum::middleware::from_fn_with_state;
+use axum::middleware::{from_fn, from_fn_with_state};
 use serde_json::Value;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate as _, SizeAbove};
@@ -111,6 +112,7 @@ pub(crate) fn router_with(beside: Router<AppState>, state: AppState) -> Router {
     let router = router
         .route_layer(from_fn_with_state(Offers::of(&document), honour))
         .layer(CompressionLayer::new().gzip(true).compress_when(large))
+        .layer(from_fn(tag_packed))
         .merge(docs::pages())
         .merge(beside)
         .fallback(index::elsewhere);

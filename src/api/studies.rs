@@ -76,6 +76,11 @@ pub(crate) struct NewStudyBody {
     #[serde(default)]
     #[schemars(extend("exclusiveMinimum" = 0))]
     display_limit: Option<f64>,
+    /// What its files do not say themselves: said once, it is taken for every upload that says nothing else. Trials as
+    /// JSON say themselves what they hold.
+    #[serde(default, deserialize_with = "or_default")]
+    #[schemars(example = serde_json::json!({"columns": "r:Target,u:Stick,y:Cursor"}))]
+    reading: StudyReading,
 }
 
 /// Changes to a study; what is left out stays as it is.
@@ -140,7 +145,9 @@ pub(crate) async fn create(
         name: checks::name(&body.value.name, "/name")?,
         description: checks::description(&body.value.description, "/description")?,
         display_limit: body.value.display_limit.map(|l| checks::display_limit(l, "/display_limit")).transpose()?,
+        reading: body.value.reading,
     };
+    saved_of(&new.reading)?;
     let made = state.store.create_study(new, idempotency.key(&body.bytes).as_ref()).await?;
     named::made::<StudyView>(&made, "/v1/studies")
 }

@@ -12,7 +12,7 @@ use crate::analysis::ids::{AnalysisId, StudyId, TrialId};
 use crate::api::analyses::AnalysisPath;
 use crate::api::trials::TrialPath;
 use crate::learning::curves::Metric;
-use crate::learning::inputs::{Estimator, NormIntervals, StandardErrors};
+use crate::learning::inputs::Estimator;
 use crate::learning::time_domain::TimeDomainMetrics;
 use crate::learning::trust_grid::{StudyTrust, TrustGridCell, TrustGridRow};
 use crate::learning::{Identification, PlantName, SpecChoice, TrialInput, choose_spec};
@@ -280,17 +280,9 @@ fn spec_of(
             tracing::error!(trial = %trial.id, %error, "stored metrics cannot be read");
             internal()
         })?;
-        let identifications = found.iter().map(|own| Identification {
-            analysis: own.analysis.to_string(),
-            spec_sha256: own.spec_sha256.clone(),
-            estimator: own.quantity.estimator.unwrap_or_default(),
-            controllers: None,
-            metrics: None,
-            standard_errors: StandardErrors::default(),
-            intervals: NormIntervals::default(),
-            variance_accounted_for: None,
-            cost: None,
-            evidence: Evidence::default(),
+        let identifications = found.iter().map(|own| {
+            let estimator = own.quantity.estimator.unwrap_or_default();
+            Identification::unread(&own.analysis.to_string(), &own.spec_sha256, estimator, Evidence::default())
         });
         inputs.push(TrialInput {
             trial: trial.id.to_string(),

@@ -23,7 +23,10 @@ pub fn word(channel: Channel) -> &'static str {
 
 /// Names that suggest a signal, in several languages, each a part of a name between spaces, underscores or capitals.
 const SUGGESTIONS: [(Channel, &[&str]); 5] = [
-    (Channel::Time, &["t", "time", "times", "timestamp", "timestamps", "zeit", "temps", "tiempo", "latency", "clock"]),
+    (
+        Channel::Time,
+        &["t", "time", "times", "timestamp", "timestamps", "zeit", "temps", "tiempo", "latency", "clock", "x_value"],
+    ),
     (
         Channel::Disturbance,
         &["d", "disturbance", "perturbation", "perturb", "stoerung", "störung", "dist", "perturbación"],
@@ -107,6 +110,23 @@ fn time_with_unit(name: &str) -> Option<&str> {
     (is_time && TimeUnit::as_written(unit).is_some()).then_some(unit)
 }
 
+/// Whether a word is a unit of time, be it one that is read or not.
+#[must_use]
+pub fn is_unit_of_time(word: &str) -> bool {
+    /// Units in which no reader takes times.
+    const OTHERS: [&str; 8] = ["min", "mins", "minute", "minutes", "h", "hour", "hours", "ticks"];
+    TimeUnit::as_written(word).is_some() || OTHERS.contains(&word.to_lowercase().as_str())
+}
+
+/// The unit that the name of a column of times gives: in brackets, or as its last word, or as all of it. To miss it
+/// would be to take milliseconds for seconds.
+fn unit_of_times(name: &str) -> Option<String> {
+    let in_brackets = name.split(['(', '[', '{']).skip(1).filter_map(|rest| rest.split([')', ']', '}']).next());
+    let known = in_brackets.map(str::trim).find(|unit| is_unit_of_time(unit)).map(str::to_owned);
+    let last = || parts(name).pop().filter(|word| is_unit_of_time(word));
+    known.or_else(|| without_unit(name).1.map(str::to_owned)).or_else(last)
+}
+
 /// Columns that were found for signals.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Found {
@@ -146,10 +166,7 @@ pub fn find(names: &[String], mapping: &ColumnMapping, place: &str) -> Result<Fo
     if !missing.is_empty() {
         return Err(missing_columns(names, mapping, &missing).at(place));
     }
-    if let Some(at) = found.positions[0] {
-        let (bare, unit) = without_unit(&names[at]);
-        found.time_unit = unit.or_else(|| time_with_unit(bare)).map(str::to_owned);
-    }
+    found.time_unit = found.positions[0].and_then(|at| unit_of_times(&names[at]));
     Ok(found)
 }
 
@@ -232,7 +249,10 @@ pub fn suggestion(names: &[String], mapping: &ColumnMapping) -> String {
         if chosen[slot].is_some() {
             continue;
         }
-        let fits = |at: &usize| !taken.contains(at) && parts(&names[*at]).iter().any(|p| words.contains(&p.as_str()));
+        let is_word = |name: &String| {
+            words.contains(&name.to_lowercase().as_str()) || parts(name).iter().any(|p| words.contains(&p.as_str()))
+        };
+        let fits = |at: &usize| !taken.contains(at) && is_word(&names[*at]);
         if let Some(at) = (0..names.len()).find(fits) {
             taken.push(at);
             chosen[slot] = Some(at);

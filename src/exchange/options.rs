@@ -251,8 +251,15 @@ mod tests {
         let mapping = columns("command:target, y:cursor:px").unwrap();
         assert_eq!(mapping.command.as_deref(), Some("target"));
         assert_eq!(mapping.output.as_deref(), Some("cursor:px"));
-        for bad in ["", "command", "speed:v", "command:", "r:a,command:b"] {
-            assert!(columns(bad).is_err(), "{bad}");
+        for (bad, why) in [
+            ("", "'' is no pair signal:column"),
+            ("command", "'command' is no pair signal:column"),
+            ("speed:v", "there is no signal 'speed'"),
+            ("command:", "the signal 'command' is given no column"),
+            ("r:a,command:b", "the signal 'command' is given twice"),
+        ] {
+            let said = columns(bad).unwrap_err();
+            assert!(said.starts_with(why), "{bad}: {said}");
         }
     }
 
@@ -264,6 +271,7 @@ mod tests {
             assert_eq!(TimeUnit::as_written(text), Some(unit), "{text}");
         }
         assert_eq!(TimeUnit::as_written("min"), None);
-        assert!("msec".parse::<TimeUnit>().is_err());
+        let said = "msec".parse::<TimeUnit>().unwrap_err();
+        assert!(said.starts_with("'msec' is no unit of time"), "{said}");
     }
 }

@@ -109,6 +109,25 @@ pub struct Identification {
     pub evidence: Evidence,
 }
 
+impl Identification {
+    /// One of which nothing is known yet but how it was done and what its report says of the trust in it.
+    #[must_use]
+    pub fn unread(analysis: &str, spec_sha256: &str, estimator: Estimator, evidence: Evidence) -> Self {
+        Self {
+            analysis: analysis.to_owned(),
+            spec_sha256: spec_sha256.to_owned(),
+            estimator,
+            controllers: None,
+            metrics: None,
+            standard_errors: StandardErrors::default(),
+            intervals: NormIntervals::default(),
+            variance_accounted_for: None,
+            cost: None,
+            evidence,
+        }
+    }
+}
+
 /// Plant and controllers of an identification, in one time base.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IdentifiedControllers {

@@ -8,7 +8,7 @@ use crate::analysis::{Code, Problem};
 use crate::api::{
     ApiResult, AppState, Params, checked_description, checked_display_limit, checked_model, checked_name,
 };
-use crate::store::{NewPlant, NewStudy, SignalUnits};
+use crate::store::{NewPlant, NewStudy, SignalUnits, StudyReading};
 use axum::extract::{Form, State};
 use axum::response::{IntoResponse as _, Redirect, Response};
 use maud::{Markup, html};
@@ -97,6 +97,7 @@ fn read(text: &dyn Fn(&str) -> String) -> Result<(NewStudy, NewPlant), Problem> 
         name: checked_name(&text("name"), "field name")?,
         description: checked_description(&text("description"), "field description")?,
         display_limit: limit.map(|limit| checked_display_limit(limit, "field display_limit")).transpose()?,
+        reading: StudyReading::default(),
     };
     let mut model = json!({"num": numbers("num")?, "den": numbers("den")?, "sample_time_s": number("sample_time_s")?});
     if let Some(delay_s) = number("delay_s")? {

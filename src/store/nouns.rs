@@ -6,7 +6,7 @@ use super::open::Store;
 use super::records::{Created, IdempotencyKey, Study};
 use crate::analysis::ids::StudyId;
 use sqlx::sqlite::SqliteRow;
-use sqlx::{AssertSqlSafe, Sqlite, SqliteConnection, Transaction};
+use sqlx::{AssertSqlSafe, SqliteConnection};
 use std::fmt::Display;
 use std::future::Future;
 
@@ -66,8 +66,11 @@ pub(super) trait Make: Noun {
 pub trait Change: Noun {
     /// Which fields, and to what; the default leaves all of them as they are.
     type Patch: Default + PartialEq + Send + Sync + 'static;
-    /// Whether the old values may be what must be forgotten, so that a change is scrubbed like a deletion.
-    const FORGETS: bool = false;
+
+    /// Whether the change takes away what may name a person, so that it is scrubbed like a deletion.
+    fn forgets(_before: &Self, _patch: &Self::Patch) -> bool {
+        false
+    }
 
     /// Writes a change that is one, to a row that is still `before`.
     ///
@@ -106,25 +109,6 @@ async fn missed<N: Noun>(connection: &mut SqliteConnection, id: &str) -> StoreRe
         Some(_) => StoreError::Stale { noun: N::NAME },
         None => StoreError::not_found(N::NAME, id),
     })
-}
-
-async fn change<N: Change>(
-    mut tx: Transaction<'static, Sqlite>,
-    id: String,
-    patch: N::Patch,
-    if_match: Option<i64>,
-    now: i64,
-) -> StoreResult<N> {
-    let before: N = fetch(&mut tx, &id).await?;
-    if if_match.is_some_and(|version| version != before.version()) {
-        return Err(StoreError::Stale { noun: N::NAME });
-    }
-    if patch == N::Patch::default() {
-        return Ok(before);
-    }
-    let after = N::update(&mut tx, &before, &patch, now).await?;
-    tx.commit().await?;
-    Ok(after)
 }
 
 impl Store {
@@ -170,17 +154,35 @@ impl Store {
     /// `subject_code_taken`, `trial_number_taken`), the database's own.
     pub async fn change<N: Change>(&self, id: N::Id, patch: N::Patch, if_match: Option<i64>) -> StoreResult<N> {
         let (store, id) = (self.clone(), id.to_string());
-        if N::FORGETS {
-            let forgetting = async move {
-                let changing = async {
-                    let tx = store.begin_erasing(store.begin().await?).await?;
-                    change(tx, id, patch, if_match, store.now_us()).await
-                };
-                store.erased(changing).await
-            };
-            return self.uninterrupted(forgetting).await;
+        self.uninterrupted(async move {
+            let (after, forgets) = store.write_change(&id, &patch, if_match).await?;
+            if forgets { store.erased(std::future::ready(Ok(after))).await } else { Ok(after) }
+        })
+        .await
+    }
+
+    /// The thing as it is then, and whether something of it must be gone.
+    async fn write_change<N: Change>(
+        &self,
+        id: &str,
+        patch: &N::Patch,
+        if_match: Option<i64>,
+    ) -> StoreResult<(N, bool)> {
+        let mut tx = self.begin().await?;
+        let before: N = fetch(&mut tx, id).await?;
+        if if_match.is_some_and(|version| version != before.version()) {
+            return Err(StoreError::Stale { noun: N::NAME });
         }
-        self.uninterrupted(async move { change(store.begin().await?, id, patch, if_match, store.now_us()).await }).await
+        if *patch == N::Patch::default() {
+            return Ok((before, false));
+        }
+        let forgets = N::forgets(&before, patch);
+        if forgets {
+            tx = self.begin_erasing(tx).await?;
+        }
+        let after = N::update(&mut tx, &before, patch, self.now_us()).await?;
+        tx.commit().await?;
+        Ok((after, forgets))
     }
 
     /// Deletes one thing with all that belongs to it, and overwrites what they held: a study's plants, subjects, trials

@@ -67,6 +67,8 @@ pub struct NewStudy {
     pub description: String,
     /// A trial whose |y| passes this is divergent; `None` where there is no limit.
     pub display_limit: Option<f64>,
+    /// What its files do not say themselves.
+    pub reading: StudyReading,
 }
 
 /// A study.

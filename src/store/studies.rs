@@ -48,14 +48,15 @@ impl Make for Study {
 
     async fn insert(connection: &mut SqliteConnection, new: &NewStudy, now: i64) -> StoreResult<Self> {
         let row = sqlx::query(
-            "INSERT INTO studies (id, name, description, display_limit, created_at, updated_at)
-             VALUES ($1, $2, $3, $4, $5, $5) RETURNING *",
+            "INSERT INTO studies (id, name, description, display_limit, reading, created_at, updated_at)
+             VALUES ($1, $2, $3, $4, $6, $5, $5) RETURNING *",
         )
         .bind(Uuid::now_v7().to_string())
         .bind(&new.name)
         .bind(&new.description)
         .bind(new.display_limit)
         .bind(now)
+        .bind(to_json(&new.reading)?)
         .fetch_one(connection)
         .await?;
         Self::from_row(&row)

@@ -74,8 +74,13 @@ impl Make for Subject {
 
 impl Change for Subject {
     type Patch = SubjectPatch;
-    // The old code or attributes may name a person.
-    const FORGETS: bool = true;
+
+    // The old code, group or attributes may name a person.
+    fn forgets(before: &Self, patch: &SubjectPatch) -> bool {
+        patch.code.as_ref().is_some_and(|code| *code != before.code)
+            || before.group.is_some() && patch.group.as_ref().is_some_and(|group| *group != before.group)
+            || patch.attributes.as_ref().is_some_and(|attributes| *attributes != before.attributes)
+    }
 
     async fn update(
         connection: &mut SqliteConnection,

@@ -226,8 +226,13 @@ pub(super) async fn keep(
 
 impl Change for TrialRecord {
     type Patch = TrialPatch;
+
     // The old note or reason may name a person.
-    const FORGETS: bool = true;
+    fn forgets(before: &Self, patch: &TrialPatch) -> bool {
+        let is_other_note = patch.note.as_ref().is_some_and(|note| *note != before.note);
+        let is_other_reason = patch.excluded.as_ref().is_some_and(|excluded| *excluded != before.excluded);
+        is_other_note && !before.note.is_empty() || is_other_reason && before.excluded.is_some()
+    }
 
     async fn update(
         connection: &mut SqliteConnection,

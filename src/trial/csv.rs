@@ -6,14 +6,17 @@
 //! are not. Tables that are written otherwise have a [`Dialect`].
 
 mod lines;
+mod numbers;
 
 pub use lines::split;
+pub use numbers::{is_missing, is_number};
 
 use super::error::{Location, ReadError};
 use super::limits::Limits;
 use super::signals::{Channel, Signals, Trial};
 use super::{ReadTrial, TrialError};
 use lines::{Lines, Record, cells};
+use numbers::{NoNumber, number};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::io::Read;
@@ -111,8 +114,8 @@ pub struct Dialect {
     pub decimal_comma: bool,
     /// Whether what stands for a value that is not there, or an empty cell, is read as NaN, which no trial takes.
     pub keeps_missing: bool,
-    /// Lines that begin with this are no rows.
-    pub comment: Option<String>,
+    /// Lines that begin with one of these are no rows.
+    pub comments: Vec<String>,
     /// The columns' names and the line of the first row (from 1), where the names are not the first line.
     pub named: Option<(Vec<String>, u64)>,
 }
@@ -174,7 +177,7 @@ pub fn read_columns(source: impl Read, options: &Options) -> Result<(Signals, Pl
             spare = record.text;
             continue;
         }
-        if dialect.comment.as_ref().is_some_and(|marker| text.starts_with(marker.as_bytes())) {
+        if dialect.comments.iter().any(|marker| text.starts_with(marker.as_bytes())) {
             spare = record.text;
             continue;
         }
@@ -439,56 +442,4 @@ impl Table {
         }
         Ok(())
     }
-}
-
-/// Whether a cell says that its value is not there.
-#[must_use]
-pub fn is_missing(cell: &str) -> bool {
-    let lower = cell.trim().to_ascii_lowercase();
-    ["", "nan", "n/a", "na", "null", "none", "-", ".", "#n/a", "missing", "nd"].contains(&lower.as_str())
-}
-
-enum NoNumber {
-    Empty,
-    Text,
-    NotFinite,
-}
-
-fn number(text: &str, decimal_comma: bool) -> Result<f64, NoNumber> {
-    let text = text.trim();
-    if text.is_empty() {
-        return Err(NoNumber::Empty);
-    }
-    let parsed = if decimal_comma { with_comma(text) } else { text.parse::<f64>().ok() };
-    match parsed {
-        Some(value) if value.is_finite() => Ok(value),
-        Some(_) => Err(NoNumber::NotFinite),
-        // What other programs write for it.
-        None if text
-            .trim_start_matches(['+', '-', '#'])
-            .get(..3)
-            .is_some_and(|t| t.eq_ignore_ascii_case("nan") || t.eq_ignore_ascii_case("inf")) =>
-        {
-            Err(NoNumber::NotFinite)
-        }
-        None => Err(NoNumber::Text),
-    }
-}
-
-/// A number with a decimal comma. A point in it would be one between thousands, or a sign that the comma is not what it
-/// is taken for: then it is none.
-fn with_comma(text: &str) -> Option<f64> {
-    if text.contains('.') {
-        return None;
-    }
-    let Some((whole, fraction)) = text.split_once(',') else { return text.parse().ok() };
-    // More digits than any double needs, and no allocation for each cell.
-    let mut buffer = [0_u8; 64];
-    let (at, length) = (whole.len(), text.len());
-    if length > buffer.len() || !fraction.starts_with(|c: char| c.is_ascii_digit()) {
-        return None;
-    }
-    buffer[..length].copy_from_slice(text.as_bytes());
-    buffer[at] = b'.';
-    std::str::from_utf8(&buffer[..length]).ok()?.parse().ok()
 }

@@ -1,7 +1,9 @@
 """Files of MATLAB, levels 4 and 5, and what scipy reads in them.
 
     python3 tests/exchange/matlab.py OUT            files of every class, nesting, order and compression, into OUT
-    python3 tests/exchange/matlab.py OUT --scipy    the files that scipy ships as its own tests, copied there too
+    python3 tests/exchange/matlab.py OUT --scipy    those that scipy ships for its own tests, too, where it ships them
+
+It prints how many there are of each; the one of version 7.3 among scipy's has no document beside it.
 
 Beside each file stands NAME.json: {path: {"rows", "columns", "bits": [..]}} of every real array of numbers and logicals,
 bits as hexadecimal big-endian doubles, paths as MATLAB writes them; or {"refused": why} where scipy itself refuses it.
@@ -82,25 +84,56 @@ def made(out):
                      "z": r[:3] + 1j, "big": np.array([2**60 + 1], "i8"), "cube": np.arange(24.0).reshape(2, 3, 4)})
 
 
+def turned(out):
+    """Level 5 from a machine with the other order of bytes, element by element as the format has it."""
+    def element(kind, data):
+        return struct.pack(">II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+    def double(name, values):
+        parts = element(6, struct.pack(">II", 6, 0)) + element(5, struct.pack(">ii", 1, len(values)))
+        parts += element(1, name.encode()) + element(9, struct.pack(f">{len(values)}d", *values))
+        return struct.pack(">II", 14, len(parts)) + parts
+
+    n = 40
+    t = np.arange(n) * 0.02
+    with open(f"{out}/turned.mat", "wb") as file:
+        file.write(b"MATLAB 5.0 MAT-file, of a big-endian machine".ljust(124) + b"\x01\x00MI")
+        for name, values in {"t": t, "r": np.sin(t), "u": np.cos(3 * t) - 0.5, "y": t * t / 7}.items():
+            file.write(double(name, list(values)))
+
+
+def collected(out):
+    """Copies scipy's own files, and says how many there are: some packages of scipy come without."""
+    try:
+        import scipy.io.matlab.tests as shipped
+    except ImportError:
+        return 0
+    folder = os.path.join(os.path.dirname(shipped.__file__), "data")
+    names = [name for name in sorted(os.listdir(folder)) if name.endswith(".mat")] if os.path.isdir(folder) else []
+    for name in names:
+        with open(os.path.join(folder, name), "rb") as file, open(f"{out}/scipy_{name}", "wb") as copy:
+            copy.write(file.read())
+    return len(names)
+
+
 def main():
     out = sys.argv[1]
     os.makedirs(out, exist_ok=True)
     made(out)
-    if "--scipy" in sys.argv:
-        import scipy.io.matlab.tests as shipped
-
-        folder = os.path.join(os.path.dirname(shipped.__file__), "data")
-        for name in sorted(os.listdir(folder)):
-            with open(os.path.join(folder, name), "rb") as file:
-                data = file.read()
-            # Version 7.3 is HDF5, which has a test of its own.
-            if name.endswith(".mat") and b"HDF" not in data[:1024]:
-                with open(f"{out}/scipy_{name}", "wb") as file:
-                    file.write(data)
+    turned(out)
+    own = len([name for name in os.listdir(out) if name.endswith(".mat")])
+    shipped = collected(out) if "--scipy" in sys.argv else 0
+    hierarchical = 0
     for name in sorted(os.listdir(out)):
-        if name.endswith(".mat"):
+        if not name.endswith(".mat"):
+            continue
+        with open(f"{out}/{name}", "rb") as file:
+            is_hdf5 = b"\x89HDF" in file.read(1024)
+        hierarchical += is_hdf5
+        if not is_hdf5:
             with open(f"{out}/{name[:-4]}.json", "w") as file:
                 json.dump(oracle(f"{out}/{name}"), file)
+    print(f"{own} made here, {shipped} of scipy, {hierarchical} of them HDF5")
 
 
 main()

@@ -2,6 +2,7 @@
 
 use std::io::{Cursor, Write as _};
 use std::path::Path;
+use volition::analysis::Code;
 use volition::exchange::options::columns;
 use volition::exchange::{self, Options, Reading, archive};
 use zip::write::SimpleFileOptions;
@@ -106,7 +107,8 @@ fn what_is_no_array_of_numbers_is_refused_in_words() {
     assert!(refused(&file("objects.npy"), &Options::default()).contains("objects of Python"));
     let plain = file("matrix.npy");
     for length in 1..plain.len() {
-        assert!(exchange::read(&plain[..length], &mapped("r:1,u:2,y:3")).is_err(), "{length}");
+        let problem = exchange::read(&plain[..length], &mapped("r:1,u:2,y:3")).unwrap_err();
+        assert!([Code::Malformed, Code::BadSignal].contains(&problem.code), "{length}: {problem}");
     }
     let header = |text: &str| {
         let mut bytes = [b"\x93NUMPY\x01\x00".to_vec(), (text.len() as u16).to_le_bytes().to_vec()].concat();
@@ -194,7 +196,8 @@ fn sheets_that_are_no_recording_are_refused_in_words() {
     assert!(several.contains("\"Sheet\" and \"copy\" both hold numbers"), "{several}");
     let whole = sheet("plain.xlsx");
     for length in (4..whole.len()).step_by(7) {
-        assert!(exchange::read(&whole[..length], &Options::default()).is_err(), "{length}");
+        let problem = exchange::read(&whole[..length], &Options::default()).unwrap_err();
+        assert_eq!(problem.code, Code::Malformed, "{length}: {problem}");
     }
     // A cell at the far end of a sheet costs nothing.
     let far = |cell: &str| {

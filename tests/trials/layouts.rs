@@ -10,7 +10,7 @@ use volition::exchange::{self, Options, Reading, Resampling, TimeUnit, options::
 const ROWS: usize = 12;
 
 /// The signals of every layout, numbers of few digits.
-fn signals() -> [Vec<f64>; 3] {
+pub(crate) fn signals() -> [Vec<f64>; 3] {
     let row = |f: fn(f64) -> f64| (0..ROWS).map(|i| f(i as f64)).collect();
     [row(|i| 0.25 * i), row(|i| 1.125 - 0.5 * i), row(|i| 0.0625 * i * i)]
 }
@@ -230,7 +230,7 @@ fn layouts() -> Vec<Layout> {
 }
 
 /// What a file was taken for, in one line.
-fn line(reading: &Reading) -> String {
+pub(crate) fn line(reading: &Reading) -> String {
     let known = &reading.understood;
     let columns: Vec<String> = known
         .columns

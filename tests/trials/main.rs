@@ -16,6 +16,7 @@ mod demo;
 #[cfg(feature = "hdf5")]
 mod hdf5;
 mod import;
+mod instruments;
 mod layouts;
 mod matlab;
 mod metrics;

@@ -164,7 +164,7 @@ fn every_defect_of_a_table_is_named_with_its_place() {
         ("nan", row(2, "nan,1,2,3"), BadSignal, Some("row 4, column t"), "no finite"),
         ("inf", row(2, "0.040,1,2,-inf"), BadSignal, Some("row 4, column y"), "\"-inf\" is no finite"),
         ("Infinity", row(2, "0.040,1,Infinity,3"), BadSignal, Some("row 4, column u"), "no finite"),
-        ("Windows infinity", row(2, "0.040,1,1.#INF,3"), BadSignal, Some("row 4, column u"), "\"1.#INF\" is no number"),
+        ("Windows infinity", row(2, "0.040,1,1.#INF,3"), BadSignal, Some("row 4, column u"), "\"1.#INF\" is no finite"),
         ("overflow", row(2, "0.040,1,1e400,3"), BadSignal, Some("row 4, column u"), "\"1e400\" is no finite"),
         ("comment", row(2, "# paused"), Malformed, Some("row 4"), "1 cell"),
         ("empty line between", table(|rows| rows.insert(5, String::new())), Malformed, Some("row 7"), "line is empty"),

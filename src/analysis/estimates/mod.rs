@@ -53,18 +53,8 @@ pub fn identification(
     plant: Option<&Model>,
 ) -> Result<Option<Identification>, String> {
     let result = &about.report.result;
-    let mut found = Identification {
-        analysis: about.analysis.to_owned(),
-        spec_sha256: about.spec_sha256.to_owned(),
-        estimator,
-        controllers: None,
-        metrics: None,
-        standard_errors: StandardErrors::default(),
-        intervals: NormIntervals::default(),
-        variance_accounted_for: None,
-        cost: None,
-        evidence: evidence(about.report, estimator, about.position),
-    };
+    let told = evidence(about.report, estimator, about.position);
+    let mut found = Identification::unread(about.analysis, about.spec_sha256, estimator, told);
     match estimator {
         Estimator::Ssid => {
             found.controllers = Some(controllers(result, result, plant)?);

@@ -10,7 +10,7 @@ use crate::num::hexadecimal::hexadecimal;
 use crate::plants::Plant;
 use crate::simulate::SimulatedStudy;
 use crate::simulate::study::Member;
-use crate::store::{NewPlant, NewStudy, NewSubject, NewTrial, SignalUnits, Store};
+use crate::store::{NewPlant, NewStudy, NewSubject, NewTrial, SignalUnits, Store, StudyReading};
 use indicatif::ProgressBar;
 use serde_json::json;
 use std::sync::Arc;
@@ -39,8 +39,12 @@ pub async fn store_study(
 ) -> anyhow::Result<Stored> {
     let description = "Simulated subjects (volition demo): delayed feedback, a feedforward that approaches the inverse \
                        dynamics over the trials, coloured remnant noise. No human data.";
-    let new =
-        NewStudy { name: name.to_owned(), description: description.to_owned(), display_limit: Some(DISPLAY_LIMIT) };
+    let new = NewStudy {
+        name: name.to_owned(),
+        description: description.to_owned(),
+        display_limit: Some(DISPLAY_LIMIT),
+        reading: StudyReading::default(),
+    };
     let study = store.create_study(new, None).await?.into_inner().id;
     let members: usize = simulated.groups.iter().map(|g| g.members.len()).sum();
     bar.inc_length((members * numbers.len()) as u64);

@@ -13,8 +13,8 @@ use crate::learning::time_domain::{TimeDomainMetrics, metrics};
 use crate::num::hexadecimal::hexadecimal;
 use crate::plants::catalogue;
 use crate::store::{
-    Created, NewPlant, NewStudy, NewSubject, NewTrial, Page, Plant, SignalUnits, Store, StoreError, Study, Subject,
-    SubjectPatch,
+    Created, NewPlant, NewStudy, NewSubject, NewTrial, Page, Plant, SignalUnits, Store, StoreError, Study,
+    StudyReading, Subject, SubjectPatch,
 };
 use anyhow::{Context as _, bail};
 use indicatif::ProgressBar;
@@ -87,7 +87,12 @@ pub async fn find_or_create_study(store: &Store, name: &str, display_limit: Opti
         bail!("{} studies are named {name:?}; rename all but one", found.len());
     }
     let Some(study) = found.pop() else {
-        let new = NewStudy { name: name.to_owned(), description: String::new(), display_limit };
+        let new = NewStudy {
+            name: name.to_owned(),
+            description: String::new(),
+            display_limit,
+            reading: StudyReading::default(),
+        };
         return Ok(store.create_study(new, None).await?.into_inner());
     };
     match display_limit {

@@ -3,15 +3,42 @@
 //! Of all ways to take lines apart, the one counts in which most cells of lines of equal length are numbers. The first
 //! line of numbers is the first sample; what names the columns is the line above, a comment above, or nothing.
 
+use super::rows::{Cut, Kind, are_units, bare_unit, kind};
 use crate::exchange::names;
-use crate::exchange::options::TimeUnit;
-use crate::trial::csv::{ColumnMapping, Delimiter, Dialect, is_missing, split};
+use crate::trial::Channel;
+use crate::trial::csv::{ColumnMapping, Delimiter, Dialect, split};
 
 /// So many lines are looked at.
 const LINES: usize = 200;
 
 /// How comments begin.
 const COMMENTS: [&str; 5] = ["#", "%", "//", "**", "!"];
+
+/// How lines of an eye tracker's text begin that stand between its samples and are none.
+const EVENTS: [&str; 16] = [
+    "MSG",
+    "START",
+    "END",
+    "PRESCALER",
+    "VPRESCALER",
+    "PUPIL",
+    "EVENTS",
+    "SAMPLES",
+    "SFIX",
+    "EFIX",
+    "SSACC",
+    "ESACC",
+    "SBLINK",
+    "EBLINK",
+    "INPUT",
+    "BUTTON",
+];
+
+/// What the first line of such a text says.
+const OF_EYELINK: &str = "CONVERTED FROM";
+
+/// Names of a last column that many programs announce and few fill.
+const REMARKS: [&str; 4] = ["comment", "comments", "notes", "kommentar"];
 
 /// Ways to take a line apart; of two that explain it equally well, the one that stands first.
 const CANDIDATES: [(Delimiter, bool); 9] = [
@@ -59,6 +86,17 @@ pub struct Layout {
     pub first_row: u64,
     /// Lines before the samples that are neither names nor units.
     pub passed_over: u64,
+    /// Why it must not be read as it stands, where nothing names the columns.
+    pub trap: Option<Trap>,
+}
+
+/// What looks like rows of samples and is something else.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Trap {
+    /// A signal in each row, its name in front.
+    Sideways,
+    /// A first row that counts the columns, 0, 1, 2, …
+    Counted,
 }
 
 /// The name of a delimiter.
@@ -82,57 +120,6 @@ pub fn plural(delimiter: Delimiter) -> &'static str {
         Delimiter::Tab => "tabs",
         Delimiter::Bar => "bars",
         Delimiter::Spaces => "spaces",
-    }
-}
-
-/// What a cell is.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
-    Number,
-    /// What stands for a value that is not there.
-    Missing,
-    Empty,
-    Text,
-}
-
-fn kind(cell: &str, decimal_comma: bool) -> Kind {
-    let cell = cell.trim();
-    if cell.is_empty() {
-        return Kind::Empty;
-    }
-    if is_missing(cell) || ["inf", "-inf"].contains(&cell.to_ascii_lowercase().as_str()) {
-        return Kind::Missing;
-    }
-    let is_number = if decimal_comma {
-        let fraction = cell.split_once(',').is_none_or(|(_, f)| f.starts_with(|c: char| c.is_ascii_digit()));
-        fraction && !cell.contains('.') && cell.replacen(',', ".", 1).parse::<f64>().is_ok()
-    } else {
-        cell.parse::<f64>().is_ok()
-    };
-    if is_number { Kind::Number } else { Kind::Text }
-}
-
-/// A line taken apart.
-struct Cut {
-    line: u64,
-    cells: Vec<String>,
-    numbers: usize,
-    texts: usize,
-    missing: usize,
-}
-
-impl Cut {
-    fn of(line: u64, text: &str, (delimiter, decimal_comma): (Delimiter, bool)) -> Self {
-        let cells: Vec<String> = split(text, delimiter).unwrap_or_else(|| vec![text.to_owned()]);
-        let cells: Vec<String> = cells.into_iter().map(|cell| cell.trim().to_owned()).collect();
-        let count = |wanted| cells.iter().filter(|cell| kind(cell, decimal_comma) == wanted).count();
-        let (numbers, texts, missing) = (count(Kind::Number), count(Kind::Text), count(Kind::Missing));
-        Self { line, cells, numbers, texts, missing }
-    }
-
-    fn is_sample(&self) -> bool {
-        let count = self.cells.len();
-        count > 1 && (self.numbers > 0 && self.texts <= self.numbers || self.texts == 0 && self.missing > 0)
     }
 }
 
@@ -160,47 +147,47 @@ pub fn recognise(head: &str, is_whole: bool, mapping: &ColumnMapping) -> Option<
     let first_line = lines.first()?.0;
     let comment =
         COMMENTS.into_iter().find(|marker| lines.iter().any(|(_, line)| line.trim_start().starts_with(marker)));
-    let is_comment = |line: &str| comment.is_some_and(|marker| line.trim_start().starts_with(marker));
+    let mut comments: Vec<String> = comment.iter().map(|marker| (*marker).to_owned()).collect();
+    let is_of_eyelink = comment.is_some() && lines[0].1.contains(OF_EYELINK);
+    if is_of_eyelink {
+        comments.extend(EVENTS.map(str::to_owned));
+    }
+    let is_comment = |line: &str| comments.iter().any(|marker| line.trim_start().starts_with(marker));
     let plain: Vec<(u64, &str)> = lines.iter().copied().filter(|(_, line)| !is_comment(line)).collect();
 
     let choice = best(&plain);
     let Some((candidate, width)) = choice else { return without_rows(&plain, first_line, mapping) };
     let cuts: Vec<Cut> = plain.iter().map(|(line, text)| Cut::of(*line, text, candidate)).collect();
-    let first = cuts.iter().position(|cut| cut.is_sample() && cut.cells.len() == width)?;
     let (delimiter, decimal_comma) = candidate;
-    let comment_of = comment.map(str::to_owned);
-    let dialect = Dialect { delimiter, decimal_comma, comment: comment_of, ..Dialect::default() };
+    let first = first_sample(&cuts, width, decimal_comma)?;
+    let dialect = Dialect { delimiter, decimal_comma, comments, ..Dialect::default() };
     let mut layout = Layout { dialect, first_line, first_row: cuts[first].line, ..Layout::default() };
     let above = &cuts[..first];
-    let mut header = above.iter().rposition(|cut| cut.cells.len() > 1 && names::find(&cut.cells, mapping, "").is_ok());
-    if header.is_none() {
-        header = above.iter().rposition(|cut| cut.cells.len() > 1 && !cut.is_sample());
-        // The row of units, where there is one, is the last above the samples.
-        if let Some(at) = header.filter(|at| *at > 0 && are_units(&above[*at].cells) && above[*at - 1].cells.len() > 1)
-        {
-            header = Some(at - 1);
-        }
-    }
-    if let Some(at) = header {
+    if let Some(at) = header(above, width, mapping) {
         layout.titles = Titles::Line(above[at].line);
         layout.names = above[at].cells.clone();
-        match above.get(at + 1) {
-            Some(next) if at + 2 == above.len() && are_units(&next.cells) => {
-                layout.units_row = Some(next.line);
-                layout.units = next.cells.iter().map(|cell| bare_unit(cell)).collect();
-            }
-            // What stands between names and samples is a row with defects: its reader says which.
-            Some(next) => layout.first_row = next.line,
-            None => {}
+        // What else stands between names and samples is a row with defects: its reader says which.
+        let beside = above[at + 1..].iter().take_while(|cut| cut.is_beside()).count();
+        if let Some(row) = above.get(at + 1 + beside) {
+            layout.first_row = row.line;
+        }
+        if let Some(units) = above[at + 1..at + 1 + beside].iter().find(|cut| are_units(&cut.cells)) {
+            layout.units_row = Some(units.line);
+            layout.units = units.cells.iter().map(|cell| bare_unit(cell)).collect();
         }
     } else if let Some((line, names)) = commented(&lines, layout.first_row, comment, delimiter, width) {
         layout.titles = Titles::Comment(line);
         layout.names = names;
     } else {
         layout.names = (1..=width).map(|at| at.to_string()).collect();
-        // A row of another length is a defect, of which its reader tells.
-        if let Some(row) = above.iter().find(|cut| cut.is_sample() && cut.texts == 0) {
+        // A row with a defect, of which its reader tells.
+        if let Some(row) = above.iter().find(|cut| cut.is_defective()) {
             layout.first_row = row.line;
+        }
+        layout.trap = trap(&cuts[first..]);
+        if is_of_eyelink {
+            // Its first column counts them, whatever the rate.
+            layout.units.push(Some("ms".to_owned()));
         }
     }
     fit_width(&mut layout, &cuts[first..], width);
@@ -212,6 +199,54 @@ pub fn recognise(head: &str, is_whole: bool, mapping: &ColumnMapping) -> Option<
         layout.dialect.named = Some((layout.names.clone(), layout.first_row));
     }
     Some(layout)
+}
+
+/// The first line in which no words stand where lines mostly have numbers.
+fn first_sample(cuts: &[Cut], width: usize, decimal_comma: bool) -> Option<usize> {
+    let is_sample = |cut: &Cut| cut.is_sample() && cut.cells.len() == width;
+    let kinds = |cut: &Cut| cut.cells.iter().map(|cell| kind(cell, decimal_comma)).collect::<Vec<_>>();
+    let samples: Vec<(usize, Vec<Kind>)> =
+        cuts.iter().enumerate().filter(|(_, cut)| is_sample(cut)).map(|(at, cut)| (at, kinds(cut))).collect();
+    let is_numeric = |kind: Kind| matches!(kind, Kind::Number | Kind::Missing);
+    let numeric: Vec<bool> = (0..width)
+        .map(|column| 2 * samples.iter().filter(|(_, kinds)| is_numeric(kinds[column])).count() > samples.len())
+        .collect();
+    let fits = |at: usize, kinds: &[Kind]| {
+        let words = kinds.iter().zip(&numeric).any(|(kind, numeric)| *numeric && *kind == Kind::Text);
+        !words && !(numeric[0] && kinds[0] == Kind::Empty && cuts[at].are_counts())
+    };
+    samples.iter().find(|(at, kinds)| fits(*at, kinds)).or(samples.first()).map(|(at, _)| *at)
+}
+
+/// The line that names the columns: the last that has all names, or the last of words.
+fn header(above: &[Cut], width: usize, mapping: &ColumnMapping) -> Option<usize> {
+    // By position any line of so many cells would do: then only one that is as long as the samples.
+    let by_position = Channel::ALL.into_iter().any(|c| mapping.name(c).is_some_and(|n| n.parse::<usize>().is_ok()));
+    let fewer = usize::from(!by_position);
+    let is_long = |cut: &Cut| (width.saturating_sub(fewer)..=width + 1).contains(&cut.cells.len());
+    let is_row = |cut: &Cut| cut.cells.len() > 1 && cut.numbers == 0 && !cut.is_sample() && !cut.has_key();
+    let has_title = |cut: &Cut| cut.cells.len() > 1 && cut.has_title();
+    let is_found = |cut: &Cut| (is_long(cut) || !by_position) && names::find(&cut.cells, mapping, "").is_ok();
+    let last = |wanted: &dyn Fn(&Cut) -> bool| above.iter().rposition(wanted);
+    let at = last(&|cut| is_row(cut) && is_found(cut))
+        .or_else(|| last(&|cut| has_title(cut) && is_found(cut)))
+        .or_else(|| last(&|cut| is_row(cut) && is_long(cut)))
+        .or_else(|| last(&|cut| has_title(cut) && is_long(cut)))
+        .or_else(|| last(&|cut| is_row(cut) && !by_position))?;
+    // The row of units, where there is one, is the last above the samples.
+    let is_below = at > 0 && are_units(&above[at].cells) && is_row(&above[at - 1]);
+    Some(if is_below { at - 1 } else { at })
+}
+
+/// What rows without names might be instead of samples.
+fn trap(samples: &[Cut]) -> Option<Trap> {
+    let first = samples.first()?;
+    let names: Vec<String> = samples.iter().filter_map(|cut| cut.cells.first()).cloned().collect();
+    if samples.len() < 12 && names::find(&names, &ColumnMapping::default(), "").is_ok() {
+        return Some(Trap::Sideways);
+    }
+    let cells = first.cells.strip_prefix(&[String::new()]).unwrap_or(&first.cells);
+    (cells.len() > 2 && cells.iter().enumerate().all(|(at, cell)| *cell == at.to_string())).then_some(Trap::Counted)
 }
 
 /// The way that explains most cells as numbers, and how many cells a row then has.
@@ -226,7 +261,12 @@ fn best(lines: &[(u64, &str)]) -> Option<((Delimiter, bool), usize)> {
         }
         let Some((width, _)) = widths.into_iter().max_by_key(|(width, count)| (*count, *width)) else { continue };
         let score = samples().filter(|cut| cut.cells.len() == width).map(|cut| cut.numbers + cut.missing).sum();
-        if score > best.map_or(0, |(_, _, score)| score) {
+        // Between spaces, settings above the samples may look like some more of them; names with spaces are lost.
+        let needed = best.map_or(0, |(other, _, score)| match (other.0, candidate.0) {
+            (Delimiter::Tab, Delimiter::Spaces) => score + score / 2,
+            _ => score,
+        });
+        if score > needed {
             best = Some((candidate, width, score));
         }
     }
@@ -270,27 +310,6 @@ fn commented(
     })
 }
 
-/// Whether cells are units: the first says what time counts, or all stand in brackets.
-fn are_units(cells: &[String]) -> bool {
-    let is_bracketed = |cell: &String| {
-        cell.is_empty()
-            || [('(', ')'), ('[', ']'), ('{', '}')].iter().any(|(a, b)| cell.starts_with(*a) && cell.ends_with(*b))
-    };
-    let is_unit = |cell: &String| {
-        let bare = bare_unit(cell).unwrap_or_default();
-        // `t` and `u` would be names.
-        bare.chars().count() <= 8 && !["t", "r", "u", "y", "d"].contains(&bare.to_lowercase().as_str())
-    };
-    let has_time = cells.iter().any(|cell| bare_unit(cell).is_some_and(|unit| TimeUnit::as_written(&unit).is_some()));
-    cells.iter().any(|cell| !cell.is_empty())
-        && (cells.iter().all(is_bracketed) || (has_time && cells.iter().all(is_unit)))
-}
-
-fn bare_unit(cell: &str) -> Option<String> {
-    let bare = cell.trim().trim_matches(['(', ')', '[', ']', '{', '}']).trim();
-    (!bare.is_empty()).then(|| bare.to_owned())
-}
-
 /// Makes as many names as cells where only a delimiter at the end, or the rows' own numbers in front, make the
 /// difference.
 fn fit_width(layout: &mut Layout, samples: &[Cut], width: usize) {
@@ -301,7 +320,9 @@ fn fit_width(layout: &mut Layout, samples: &[Cut], width: usize) {
         } else if cell(0, 0) == Some("1") && cell(1, 0) == Some("2") && cell(2, 0) == Some("3") {
             layout.names.insert(0, String::new());
         }
-    } else if layout.names.len() == width + 1 && layout.names.last().is_some_and(String::is_empty) {
+    } else if layout.names.len() == width + 1
+        && layout.names.last().is_some_and(|name| name.is_empty() || REMARKS.contains(&name.to_lowercase().as_str()))
+    {
         layout.names.pop();
     }
 }

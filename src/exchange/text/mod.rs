@@ -4,7 +4,10 @@
 //! start, and the one reader of tables, [`csv`], reads the rows.
 
 pub mod encoding;
+mod explained;
+mod foreign;
 pub mod layout;
+mod rows;
 
 use super::bids::Sidecar;
 use super::names;
@@ -96,6 +99,9 @@ impl From<Problem> for Stop {
 }
 
 fn table(rows: &mut dyn Read, head: &str, is_whole: bool, encoding: &str, options: &Options) -> Result<Reading, Stop> {
+    if let Some(problem) = foreign::refuse(head) {
+        return Err(problem.into());
+    }
     let mut layout = layout::recognise(head, is_whole, &options.columns);
     let mut columns = options.columns.clone();
     if let (Some(layout), Some(sidecar)) = (&mut layout, &options.sidecar) {
@@ -109,14 +115,12 @@ fn table(rows: &mut dyn Read, head: &str, is_whole: bool, encoding: &str, option
         None => (ColumnMapping::default(), csv::Dialect::default(), None),
         Some(layout) => {
             let found = find(layout, &options.columns)?;
-            let mut names = layout.names.clone();
+            let mut names = told_apart(&layout.names);
             let mut columns = ColumnMapping::default();
             for (slot, channel) in Channel::ALL.into_iter().enumerate() {
                 let Some(at) = found.positions[slot] else { continue };
                 if names[at].is_empty() {
                     names[at] = (at + 1).to_string();
-                } else if layout.names.iter().filter(|name| **name == names[at]).count() > 1 {
-                    names[at] = format!("{} #{}", names[at], at + 1);
                 }
                 *columns.name_mut(channel) = Some(names[at].clone());
             }
@@ -133,7 +137,7 @@ fn table(rows: &mut dyn Read, head: &str, is_whole: bool, encoding: &str, option
     let read_options = csv::Options { columns, dialect, limits: options.limits, ..csv::Options::default() };
     let (mut signals, places) = csv::read_columns(rows, &read_options).map_err(|error| match error {
         ReadError::NotUtf8 { .. } => Stop::NotUtf8,
-        error => Stop::Problem(explained(error, layout.as_ref().filter(|_| !encoding.is_empty()), has_time)),
+        error => Stop::Problem(explained::refusal(error, layout.as_ref().filter(|_| !encoding.is_empty()), has_time)),
     })?;
 
     let mut understood = Understood::new("text");
@@ -167,6 +171,19 @@ fn table(rows: &mut dyn Read, head: &str, is_whole: bool, encoding: &str, option
         warnings.push(Warning::new("resampled", message));
     }
     Ok(Reading { trial, understood, ignored_columns, warnings, bytes: 0 })
+}
+
+/// Names with their positions behind those that are there more than once.
+fn told_apart(names: &[String]) -> Vec<String> {
+    let mut counts = std::collections::BTreeMap::<&str, usize>::new();
+    for name in names {
+        *counts.entry(name).or_default() += 1;
+    }
+    let is_several = |name: &str| !name.is_empty() && counts.get(name).is_some_and(|count| *count > 1);
+    let told = |(at, name): (usize, &String)| {
+        if is_several(name) { format!("{name} #{}", at + 1) } else { name.clone() }
+    };
+    names.iter().enumerate().map(told).collect()
 }
 
 /// Takes out samples without a value; the rows that stay, where any went.
@@ -217,6 +234,9 @@ fn name_by(layout: &mut Layout, sidecar: &Sidecar) -> Result<(), Problem> {
 
 /// Which column is which signal, or how to say it.
 fn find(layout: &Layout, mapping: &ColumnMapping) -> Result<names::Found, Problem> {
+    if let Some(trap) = layout.trap {
+        return Err(explained::trapped(trap, layout.first_row));
+    }
     let is_named = layout.names.iter().any(|name| !name.is_empty());
     let by_position = Channel::ALL.into_iter().any(|channel| mapping.name(channel).is_some());
     if layout.titles == Titles::None && !by_position || !is_named {
@@ -239,32 +259,6 @@ fn find(layout: &Layout, mapping: &ColumnMapping) -> Result<names::Found, Proble
         Titles::None => format!("row {}", layout.first_row),
     };
     names::find(&layout.names, mapping, &place)
-}
-
-/// A reader's refusal, with what the layout explains of it, and whether what is missing can be filled.
-fn explained(error: ReadError, layout: Option<&Layout>, has_time: bool) -> Problem {
-    let is_number = matches!(error, ReadError::NotANumber { .. } | ReadError::Ragged { .. });
-    let is_missing = match &error {
-        ReadError::NotANumber { text, .. } | ReadError::NotFinite { text, .. } => csv::is_missing(text),
-        ReadError::EmptyCell { .. } => true,
-        _ => false,
-    };
-    let mut problem = Problem::from(error);
-    let Some(layout) = layout else { return problem };
-    let mut mend = problem.mend.take().unwrap_or_default();
-    if layout.dialect.decimal_comma {
-        mend = mend.replace(" with a decimal point", "");
-    }
-    if is_missing && has_time {
-        mend.push_str(
-            " Or ask for resample=linear, which fills up to 0.1 s without a value and is stated with the trial.",
-        );
-    } else if is_number {
-        let mark = if layout.dialect.decimal_comma { "comma" } else { "point" };
-        let between = layout::plural(layout.dialect.delimiter);
-        mend.push_str(&format!(" The file was taken for one with cells between {between} and a decimal {mark}."));
-    }
-    problem.mend(mend)
 }
 
 fn describe(understood: &mut Understood, layout: &Layout, places: &Places, signals: &Signals) {
@@ -301,7 +295,7 @@ fn describe(understood: &mut Understood, layout: &Layout, places: &Places, signa
     }
     let span = places.line(places.rows() - 1) - places.line(0) + 1;
     let between = span.saturating_sub(places.rows() as u64);
-    if between > 0 && dialect.comment.is_some() {
+    if between > 0 && !dialect.comments.is_empty() {
         understood.words.push(format!("{between} lines between samples are no samples: comments, or parts of a cell."));
     }
     for channel in Channel::ALL {
@@ -309,9 +303,14 @@ fn describe(understood: &mut Understood, layout: &Layout, places: &Places, signa
             continue;
         }
         let name = places.column(channel);
-        let at = layout.names.iter().position(|n| *n == name);
+        // Names that are there more than once have their position behind them.
+        let told =
+            name.rsplit_once(" #").and_then(|(bare, at)| Some((bare, at.parse::<usize>().ok()?.checked_sub(1)?)));
+        let told = told.filter(|(bare, at)| layout.names.get(*at).is_some_and(|own| own == bare));
+        let at = layout.names.iter().position(|n| *n == name).or(told.map(|(_, at)| at));
         let row_unit = at.and_then(|at| layout.units.get(at).cloned().flatten());
-        let unit = names::without_unit(&name).1.map(str::to_owned).or(row_unit);
+        let bare = told.map_or(name.as_str(), |(bare, _)| bare);
+        let unit = names::without_unit(bare).1.map(str::to_owned).or(row_unit);
         understood.columns.push(UnderstoodColumn { signal: channel.letter(), name, unit });
     }
     let list: Vec<String> = understood.columns.iter().map(|c| format!("{} is {:?}", c.signal, c.name)).collect();

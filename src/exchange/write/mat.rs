@@ -9,6 +9,7 @@ const UINT32: u32 = 6;
 const DOUBLE: u32 = 9;
 const MATRIX: u32 = 14;
 
+const CLASS_CELL: u32 = 1;
 const CLASS_STRUCT: u32 = 2;
 const CLASS_CHAR: u32 = 4;
 const CLASS_DOUBLE: u32 = 6;
@@ -25,6 +26,8 @@ pub enum MatValue {
     Text(String),
     /// A struct with fields in this order.
     Struct(Vec<(String, MatValue)>),
+    /// A matrix of values, row by row.
+    Cells(Vec<Vec<MatValue>>),
 }
 
 impl MatValue {
@@ -102,6 +105,16 @@ fn array(out: &mut Vec<u8>, name: &str, value: &MatValue) {
             let length = units.len() / 2;
             body = head(CLASS_CHAR, [usize::from(length > 0), length], name);
             element(&mut body, UINT16, &units);
+        }
+        MatValue::Cells(rows) => {
+            let columns = rows.first().map_or(0, Vec::len);
+            body = head(CLASS_CELL, [rows.len(), columns], name);
+            for column in 0..columns {
+                for row in rows {
+                    // A row that is shorter has nothing there.
+                    array(&mut body, "", row.get(column).unwrap_or(&MatValue::Matrix(Vec::new())));
+                }
+            }
         }
         MatValue::Struct(fields) => {
             body = head(CLASS_STRUCT, [1, 1], name);

@@ -13,12 +13,13 @@
 //!
 //! No number is given where this reasoning does not hold: see [`Unavailable`].
 
+mod coefficients;
+
 use super::projection::{Point, Unknown, Values};
 use super::refinement::Refinement;
-use super::variable;
 use crate::num::distributions::student_t;
 use crate::num::linalg;
-use nalgebra::{DMatrix, DVector, RowDVector};
+use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -114,6 +115,9 @@ pub struct Uncertainty {
     pub degrees_of_freedom_per_line: Option<f64>,
     /// The coefficients.
     pub parameters: Vec<Parameter>,
+    /// Their covariance in that order, in products of their units; null where one of them has no standard deviation.
+    #[serde(default)]
+    pub covariance: Option<Vec<Vec<f64>>>,
     /// Gff.
     pub feedforward: Vec<Band>,
     /// Gfb.
@@ -200,6 +204,13 @@ impl Linearised {
         Ok(Deviation { standard: total.sqrt(), quantile })
     }
 
+    /// The covariance of quantities with these gradients, `aᵢᵀ S aⱼ`.
+    fn covariance(&self, gradients: &[DVector<f64>]) -> Vec<Vec<f64>> {
+        let influences: Vec<DVector<f64>> = gradients.iter().map(|gradient| self.estimator.tr_mul(gradient)).collect();
+        let entry = |a: &DVector<f64>, b: &DVector<f64>| a.component_mul(b).dot(&self.variance);
+        influences.iter().map(|a| influences.iter().map(|b| entry(a, b)).collect()).collect()
+    }
+
     /// Degrees of freedom of a sum of parts that are proportional to the lines' variances.
     pub(super) fn degrees_of(&self, per_line: &[f64]) -> f64 {
         if self.are_independent { effective_degrees(per_line, self.degrees) } else { self.degrees }
@@ -250,10 +261,12 @@ impl Refinement<'_> {
             }
         }
         let [feedforward, feedback, feedforward_plant, closed_loop] = bands;
+        let (parameters, covariance) = self.parameters(&point, &linearised, unavailable);
         Some(Uncertainty {
             level: LEVEL,
             degrees_of_freedom_per_line: noise.degrees_of_freedom.is_finite().then_some(noise.degrees_of_freedom),
-            parameters: self.parameters(&point, &linearised, unavailable),
+            parameters,
+            covariance,
             feedforward,
             feedback,
             feedforward_plant,
@@ -406,89 +419,6 @@ impl Refinement<'_> {
             (Err(why), _) | (_, Err(why)) => band.unavailable = Some(why),
         }
         band
-    }
-
-    /// Coefficients in powers of s or z, which are linear in β and φ.
-    fn parameters(&self, point: &Point, linearised: &Linearised, general: Option<Unavailable>) -> Vec<Parameter> {
-        let (projection, beta) = (&self.projection, point.beta.len());
-        let (layout, variable) = (&projection.layout, &projection.variable);
-        let size = beta + projection.unknowns.len();
-        // Rows of the linear map, with the constant part.
-        let mut rows: Vec<(String, RowDVector<f64>, f64)> = Vec::new();
-        let numerator_degree = self.setup.structure.feedforward_numerator;
-        let mut numerators = vec![RowDVector::zeros(size); numerator_degree + 1];
-        let even = projection.problem.basis().even().len();
-        for i in 0..beta {
-            let mut unit = vec![0.0; beta];
-            unit[i] = 1.0;
-            let coefficients = projection.problem.basis().numerator(&unit[..even], &unit[even..]);
-            for (row, c) in numerators.iter_mut().zip(coefficients) {
-                row[i] = c;
-            }
-        }
-        if beta == 0 {
-            // A feedforward that is held at zero has no coefficients.
-            numerators.clear();
-        }
-        rows.extend(
-            numerators.into_iter().enumerate().map(|(i, row)| (format!("feedforward_numerator[{i}]"), row, 0.0)),
-        );
-        let mut polynomial =
-            |name: &str, degree: usize, is_monic: bool, power_of: fn(Unknown) -> Option<usize>, unit: f64| {
-                let mut own = vec![RowDVector::zeros(size); degree + 1];
-                let add = |descending: Vec<f64>, to: &mut dyn FnMut(usize, f64)| {
-                    let offset = degree + 1 - descending.len();
-                    descending.iter().enumerate().for_each(|(i, c)| to(offset + i, c * unit));
-                };
-                let mut constants = vec![0.0; degree + 1];
-                if is_monic {
-                    add(variable.leave(&variable::power(degree)), &mut |i, c| constants[i] = c);
-                }
-                for (j, unknown) in projection.unknowns.iter().enumerate() {
-                    if let Some(power) = power_of(*unknown) {
-                        add(variable.leave(&variable::power(power)), &mut |i, c| own[i][beta + j] = c);
-                    }
-                }
-                for (i, (row, constant)) in own.into_iter().zip(constants).enumerate().skip(usize::from(is_monic)) {
-                    rows.push((format!("{name}[{i}]"), row, constant));
-                }
-            };
-        let unit = |degree: usize| variable.unit.powi(degree as i32);
-        if layout.feedforward_is_free {
-            let degree = layout.feedforward_degree;
-            polynomial("feedforward_denominator", degree, true, Unknown::feedforward_denominator, unit(degree));
-        }
-        let degree = layout.feedback_denominator;
-        let numerator = layout.feedback_numerator;
-        if layout.has_feedback {
-            polynomial("feedback_numerator", numerator, false, Unknown::feedback_numerator, unit(degree));
-            polynomial("feedback_denominator", degree, true, Unknown::feedback_denominator, unit(degree));
-        }
-        for (j, unknown) in projection.unknowns.iter().enumerate() {
-            let name = match unknown {
-                Unknown::FeedbackDelay => "feedback_delay_s",
-                Unknown::FeedforwardDelay => "feedforward_delay_s",
-                _ => continue,
-            };
-            let mut row = RowDVector::zeros(size);
-            row[beta + j] = 1.0 / variable.omega;
-            rows.push((name.to_owned(), row, 0.0));
-        }
-        let theta = DVector::from_iterator(size, point.beta.iter().chain(&self.minimum.x).copied());
-        rows.into_iter()
-            .map(|(name, row, constant)| {
-                let value = (&row * &theta)[0] + constant;
-                let found = general.map_or_else(|| linearised.deviation(&row.transpose()), Err);
-                let (standard_deviation, interval, unavailable) = match found {
-                    Ok(d) => {
-                        let half = d.standard * d.quantile;
-                        (Some(d.standard), Some([value - half, value + half]), None)
-                    }
-                    Err(why) => (None, None, Some(why)),
-                };
-                Parameter { name, value, standard_deviation, interval, unavailable }
-            })
-            .collect()
     }
 }
 

@@ -58,7 +58,8 @@ impl<R: Read> Lines<R> {
         if text.ends_with(b"\n") {
             text.pop();
         }
-        if text.ends_with(b"\r") {
+        // Text mode of Windows makes two of one carriage return.
+        while text.ends_with(b"\r") {
             text.pop();
         }
         if quotes == 0 && text.contains(&b'\r') {

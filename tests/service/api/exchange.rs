@@ -178,6 +178,46 @@ async fn answers_about_groups_are_tables_too() {
     server.finish().await;
 }
 
+/// Systems of several inputs and outputs, and the covariance of what was estimated.
+#[tokio::test]
+async fn matrices_of_systems_go_to_other_programs() {
+    let server = TestServer::start().await;
+    let folder = tempfile::tempdir().unwrap();
+    for (kind, counts) in [("ssid_mimo", "0 models, 1 in state space, 2 matrices"), ("gain_fit", "")] {
+        let request: Value = serde_json::from_str(
+            volition::analysis::registry::kinds().find(|own| own.kind.name() == kind).unwrap().example,
+        )
+        .unwrap();
+        let queued = server.post("/v1/analyses", &request).await.json(202);
+        server.work().await;
+        let analysis = format!("/v1/analyses/{}", queued["id"].as_str().unwrap());
+        let report = server.get(&format!("{analysis}/report")).await.json(200);
+        let model = server.get(&format!("{analysis}/model")).await;
+        let export = model.json(200);
+        if kind == "ssid_mimo" {
+            let own = &export["transfer_matrices"]["feedback"];
+            assert_eq!(own["pointer"], "/feedback");
+            let entries = &report["result"]["feedback"]["transfer_functions"];
+            assert_eq!((&own["num"][1][0], &own["den"][0][1]), (&entries[1][0]["num"], &entries[0][1]["den"]));
+            assert_eq!((&own["dt"], &own["time_base"]), (&entries[0][0]["sample_time_s"], &"discrete".into()));
+        } else {
+            assert_eq!(export["covariance"], report["result"]["covariance"]);
+            let count = export["parameters"].as_array().unwrap().len();
+            assert!(count > 0 && export["covariance"].as_array().is_none_or(|rows| rows.len() == count));
+        }
+        let mat = server.get(&format!("{analysis}/model?format=mat")).await;
+        assert_eq!(mat.headers["content-type"], "application/x-matlab-data");
+        if let Some(python) = python("systems of several inputs").filter(|_| !counts.is_empty()) {
+            let (json, m) = (folder.path().join("m.json"), folder.path().join("m.mat"));
+            std::fs::write(&json, &model.bytes).unwrap();
+            std::fs::write(&m, &mat.bytes).unwrap();
+            let said = run(Command::new(&python).arg(root().join("tests/exchange/model.py")).args([json, m]));
+            assert!(said.contains(counts), "{said}");
+        }
+    }
+    server.finish().await;
+}
+
 #[tokio::test]
 async fn models_and_samples_go_to_other_programs() {
     let server = TestServer::start().await;
@@ -227,7 +267,7 @@ async fn models_and_samples_go_to_other_programs() {
         std::fs::write(&json, &model.bytes).unwrap();
         std::fs::write(&m, &mat.bytes).unwrap();
         let said = run(Command::new(&python).arg(root().join("tests/exchange/model.py")).args([json, m]));
-        assert!(said.contains("control: 5 models"), "{said}");
+        assert!(said.contains("control: 5 models, 0 in state space"), "{said}");
         let script = root().join("tests/exchange/sequences.py");
         let said = run(Command::new(&python).arg(script).arg(folder.path()).arg(&scale));
         assert!(said.contains("the same in four forms"), "{said}");

@@ -220,6 +220,12 @@ async fn what_files_do_not_say_is_said_once_for_a_study() {
     let stored = server.upload_csv(&lab, "&number=1", foreign).await.json(201);
     assert!((stored["sample_time_s"].as_f64().unwrap() - 0.02).abs() < 1e-12);
     assert_eq!(stored["understood"]["columns"][1]["name"], "Target");
+    // Or with the study itself, from the start.
+    let new = serde_json::json!({"name": "said at once", "reading": {"time_unit": "minutes"}});
+    let bad = server.post("/v1/studies", &new).await.problem(422, "invalid");
+    assert_eq!(bad["where"], "/reading/time_unit");
+    let new = serde_json::json!({"name": "said at once", "reading": reading});
+    assert_eq!(server.post("/v1/studies", &new).await.json(201)["reading"], reading);
     // What an upload says goes before it; a document says itself what it holds.
     let own = "&number=2&columns=t:t,r:r,u:u,y:y&time_unit=ms";
     server.upload_csv(&lab, own, rows("t,r,u,y", 7)).await.json(201);

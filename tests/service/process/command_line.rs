@@ -280,11 +280,16 @@ fn run_keeps_trees_in_the_users_cache_or_where_it_is_asked_to() {
 
 #[tokio::test]
 async fn figures_of_a_study_are_written() {
-    use volition::store::{NewStudy, Store};
+    use volition::store::{NewStudy, Store, StudyReading};
     let folder = tempfile::tempdir().unwrap();
     let database = folder.path().join("lab.db");
     let store = Store::open(Some(&database)).await.unwrap();
-    let study = NewStudy { name: "two groups".into(), description: String::new(), display_limit: None };
+    let study = NewStudy {
+        name: "two groups".into(),
+        description: String::new(),
+        display_limit: None,
+        reading: StudyReading::default(),
+    };
     store.create_study(study, None).await.unwrap();
     store.close().await;
     let out = folder.path().join("drawn");

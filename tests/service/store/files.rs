@@ -404,6 +404,52 @@ async fn a_temporary_database_leaves_nothing_behind() {
     }
 }
 
+/// A change that takes nothing away that may name a person leaves the file as it is laid out; one that does is vacuumed,
+/// which counts the layout of the file up.
+#[tokio::test]
+async fn only_what_may_name_a_person_is_scrubbed() {
+    use volition::store::{SubjectPatch, TrialPatch};
+    let (_directory, path) = place();
+    let store = open(&path).await;
+    let study = store.create_study(new_study("Tracking"), None).await.unwrap().into_inner().id;
+    let plant = store.create_plant(study, new_plant("mass"), None).await.unwrap().into_inner().id;
+    let subject = store.create_subject(study, new_subject("S01"), None).await.unwrap().into_inner().id;
+    let trial = store.create_trials(subject, vec![new_trial(plant, 1)], None).await.unwrap().remove(0).into_inner().id;
+    let layout = async || -> i64 {
+        let mut connection = meddle(&path).await;
+        sqlx::query_scalar("PRAGMA schema_version").fetch_one(&mut connection).await.unwrap()
+    };
+    let first = layout().await;
+    let note = |text: &str| Some(text.to_owned());
+    for patch in [
+        TrialPatch { number: Some(7), session: Some(None), ..TrialPatch::default() },
+        TrialPatch {
+            note: note("told by Anna-Maria"),
+            excluded: Some(note("left by Bert-Otto")),
+            ..TrialPatch::default()
+        },
+        TrialPatch { note: note("told by Anna-Maria"), number: Some(8), ..TrialPatch::default() },
+    ] {
+        store.change::<TrialRecord>(trial, patch, None).await.unwrap();
+    }
+    let named = |code: &str| SubjectPatch { code: Some(code.into()), ..SubjectPatch::default() };
+    store.change::<Subject>(subject, named("S01"), None).await.unwrap();
+    assert_eq!(layout().await, first);
+    assert!(holds(&bytes(&path), "Anna-Maria") && holds(&bytes(&path), "Bert-Otto"));
+    for (patch, name) in [
+        (TrialPatch { note: note(""), ..TrialPatch::default() }, "Anna-Maria"),
+        (TrialPatch { excluded: Some(None), ..TrialPatch::default() }, "Bert-Otto"),
+    ] {
+        let before = layout().await;
+        store.change::<TrialRecord>(trial, patch, None).await.unwrap();
+        assert!(layout().await > before && !holds(&bytes(&path), name), "{name}");
+    }
+    let before = layout().await;
+    assert_eq!(store.change::<Subject>(subject, named("S02"), None).await.unwrap().code, "S02");
+    assert!(layout().await > before);
+    store.close().await;
+}
+
 /// A large database owes its vacuum until a moment later, or until the next process.
 #[tokio::test]
 async fn a_large_database_is_scrubbed_later_but_surely() {

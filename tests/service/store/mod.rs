@@ -23,7 +23,7 @@ use volition::control::Model;
 use volition::num::hexadecimal::hexadecimal;
 use volition::store::{
     Clock, Created, IdempotencyKey, NewAnalysis, NewPlant, NewStudy, NewSubject, NewTrial, Page, SignalUnits, Store,
-    StoreError,
+    StoreError, StudyReading,
 };
 use volition::trial::{Signals, Trial};
 
@@ -84,7 +84,12 @@ impl Bench {
 }
 
 pub fn new_study(name: &str) -> NewStudy {
-    NewStudy { name: name.into(), description: "of a moving target".into(), display_limit: Some(2.0) }
+    NewStudy {
+        name: name.into(),
+        description: "of a moving target".into(),
+        display_limit: Some(2.0),
+        reading: StudyReading::default(),
+    }
 }
 
 pub fn model() -> Model {

@@ -9,21 +9,18 @@ Document = Dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Study:
+class _Named:
+    id: str
+    name: str
+    document: Document = field(repr=False)
+
+
+class Study(_Named):
     """A lab's experiment."""
 
-    id: str
-    name: str
-    document: Document = field(repr=False)
 
-
-@dataclass(frozen=True)
-class Plant:
+class Plant(_Named):
     """What subjects control."""
-
-    id: str
-    name: str
-    document: Document = field(repr=False)
 
 
 @dataclass(frozen=True)

@@ -41,12 +41,20 @@ class Lab:
         self.http = http
         self.version = ""
 
-    def study(self, name: str, description: str = "", display_limit: Optional[float] = None) -> Study:
-        """The study of this name; made where there is none."""
+    def study(
+        self,
+        name: str,
+        description: str = "",
+        display_limit: Optional[float] = None,
+        reading: Optional[Mapping[str, Any]] = None,
+    ) -> Study:
+        """The study of this name; made where there is none. `reading` says once what its files do not say themselves,
+        such as `{"columns": "r:Target,u:Stick,y:Cursor", "time_unit": "ms"}`."""
         for own in self.http.every("/v1/studies"):
             if own["name"] == name:
                 return documents.study(own)
         body: Dict[str, Any] = {"name": name, "description": description, "display_limit": display_limit}
+        body["reading"] = dict(reading or {})
         return documents.study(self.http.post("/v1/studies", body))
 
     def plant(

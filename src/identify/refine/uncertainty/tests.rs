@@ -260,3 +260,33 @@ fn what_cannot_be_known_gets_no_band() {
     assert_eq!(of("feedback_denominator[1]"), None, "{:?}", many.parameters);
     assert!(many.feedback.iter().chain(&many.feedforward).all(|b| b.magnitude_band.is_some()));
 }
+
+/// `(θ̂ − θ)ᵀ C⁻¹ (θ̂ − θ)` has the mean and the spread of χ² with as many degrees as there are coefficients.
+#[test]
+fn the_covariance_is_that_of_the_estimates() {
+    let world = world(0.004);
+    let truth = DVector::from_vec(vec![1.2, 2.0, 3.5, 6.4, 3.1]);
+    let variance: Vec<f64> = world.deviation.iter().map(|d| d * d).collect();
+    let noise = Noise { variance, degrees_of_freedom: f64::INFINITY, are_independent: true };
+    let draws = 300;
+    let mut distances = Vec::new();
+    for seed in 0..draws {
+        let (h, _) = world.draw(1000 + seed, 2);
+        let found = world.refined(&h, |refinement| refinement.uncertainty(&noise)).unwrap();
+        let rows = found.covariance.unwrap();
+        let covariance = DMatrix::from_fn(5, 5, |i, j| rows[i][j]);
+        assert_eq!(covariance, covariance.transpose());
+        for (i, own) in found.parameters.iter().enumerate() {
+            let deviation = own.standard_deviation.unwrap();
+            assert!((covariance[(i, i)].sqrt() / deviation - 1.0).abs() < 1e-12, "{}", own.name);
+        }
+        let off = DVector::from_iterator(5, found.parameters.iter().map(|own| own.value)) - &truth;
+        distances.push(off.dot(&covariance.cholesky().unwrap().solve(&off)));
+    }
+    let mean = distances.iter().sum::<f64>() / draws as f64;
+    // The mean of so many has a standard deviation of √(10/300) = 0.18.
+    assert!((mean - 5.0).abs() < 0.75, "{mean}");
+    // Above the 95 % point of χ² with five degrees lie 5 of 100.
+    let above = distances.iter().filter(|distance| **distance > 11.0705).count();
+    assert!((4..=29).contains(&above), "{above} of {draws}");
+}

@@ -3,22 +3,24 @@
 //! Every system that a report holds is found by its form and named by its place (`refined_feedforward`); nothing about
 //! a kind of analysis is known here. The time base stands beside the coefficients in three ways, since each program
 //! asks for another, and so does the response at a few frequencies: a loader can see that it has read the same system.
+//! [`found`] finds the systems, [`multivariable`] has those with several inputs and outputs, [`files`] writes MATLAB's.
 
-use super::write::mat::{self, MatValue};
+mod files;
+mod found;
+mod multivariable;
+
+pub use files::mat;
+pub use multivariable::{ExportedStateSpace, ExportedTransferMatrix, MatrixResponse};
+
 use crate::analysis::{Code, Problem, Report};
 use crate::control::{Model, System};
 use crate::num::Complex64;
+use found::Found;
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
-
-/// Members whose systems are alternatives to the answer, and many.
-const ALTERNATIVES: [&str; 3] = ["near_optimal", "equivalent", "delayed"];
-
-/// Segments of a place that say nothing.
-const SILENT: [&str; 2] = ["rational", "model"];
 
 /// Matrices at the top of a result.
 const MATRICES: [&str; 11] = ["k", "l", "q", "r", "w", "v", "p", "a", "b", "c", "d"];
@@ -116,8 +118,12 @@ pub struct ModelExport {
     pub result_sha256: String,
     /// Version of the program that computed it.
     pub product_version: String,
-    /// Systems by name.
+    /// Systems of one input and one output by name.
     pub models: BTreeMap<String, ExportedModel>,
+    /// Systems in state space by name.
+    pub state_space: BTreeMap<String, ExportedStateSpace>,
+    /// Matrices of transfer functions by name.
+    pub transfer_matrices: BTreeMap<String, ExportedTransferMatrix>,
     /// Matrices by name.
     pub matrices: BTreeMap<String, ExportedMatrix>,
     /// The estimated parameters with their errors, in the order of the report.
@@ -127,55 +133,17 @@ pub struct ModelExport {
     pub covariance: Option<Vec<Vec<f64>>>,
 }
 
-/// A place in a result: the segments of its pointer.
-type Place = Vec<String>;
-
-fn systems(value: &Value, place: &mut Place, found: &mut Vec<(Place, Value, Option<f64>)>) {
-    match value {
-        Value::Object(members) => {
-            for (name, member) in members.iter().filter(|(name, _)| !ALTERNATIVES.contains(&name.as_str())) {
-                place.push(name.clone());
-                let is_system = member.get("den").is_some() && member.get("num").is_some();
-                if is_system {
-                    // A delay stands beside the system, under its name or (of a reduction) alone.
-                    let beside = members.get(&format!("{name}_delay_s"));
-                    let beside = beside.or(members.get("delay_s").filter(|_| name == "model"));
-                    found.push((place.clone(), member.clone(), beside.and_then(Value::as_f64)));
-                } else {
-                    systems(member, place, found);
-                }
-                place.pop();
-            }
-        }
-        // Long arrays are numbers.
-        Value::Array(members) if members.iter().any(|member| member.is_object() || member.is_array()) => {
-            for (i, member) in members.iter().enumerate() {
-                place.push(i.to_string());
-                if member.get("den").is_some() && member.get("num").is_some() {
-                    found.push((place.clone(), member.clone(), None));
-                } else if !member.as_array().is_some_and(|own| own.iter().all(Value::is_number)) {
-                    systems(member, place, found);
-                }
-                place.pop();
-            }
-        }
-        _ => {}
-    }
-}
-
-fn name(place: &[String]) -> String {
-    let said: Vec<&str> = place.iter().map(String::as_str).filter(|segment| !SILENT.contains(segment)).collect();
-    said.join("_")
-}
-
-fn response(system: &System) -> ModelResponse {
-    let [from, to] = match system.sample_time_s() {
+/// The angular frequencies in rad/s at which the response of a system with this sample time is told.
+fn frequencies(sample_time_s: Option<f64>) -> impl Iterator<Item = f64> {
+    let [from, to] = match sample_time_s {
         None => CONTINUOUS_RAD_S,
         Some(period) => [CONTINUOUS_RAD_S[0].min(0.01 * PI / period), OF_NYQUIST * PI / period],
     };
-    let at = |k: usize| from * (to / from).powf(k as f64 / (CHECKS - 1) as f64);
-    let omega: Vec<f64> = (0..CHECKS).map(at).collect();
-    let values = omega.iter().map(|omega| (*omega, system.response(*omega)));
+    (0..CHECKS).map(move |k| from * (to / from).powf(k as f64 / (CHECKS - 1) as f64))
+}
+
+fn response(system: &System) -> ModelResponse {
+    let values = frequencies(system.sample_time_s()).map(|omega| (omega, system.response(omega)));
     // A pole on the axis has no response.
     let finite: Vec<(f64, Complex64)> = values.filter(|(_, z)| z.re.is_finite() && z.im.is_finite()).collect();
     ModelResponse {
@@ -184,17 +152,22 @@ fn response(system: &System) -> ModelResponse {
     }
 }
 
-fn exported(place: &[String], value: Value, beside: Option<f64>) -> Option<ExportedModel> {
-    let model: Model = serde_json::from_value(value).ok()?;
+impl ModelTimeBase {
+    /// The time base, and the sample time in seconds as python-control and MATLAB write it.
+    fn of(sample_time_s: Option<f64>) -> (Self, f64) {
+        sample_time_s.map_or((Self::Continuous, 0.0), |period| (Self::Discrete, period))
+    }
+}
+
+fn exported(found: Found) -> Option<ExportedModel> {
+    let pointer = found.pointer();
+    let model: Model = serde_json::from_value(found.value).ok()?;
     let Model::TransferFunction(mut own) = model else { return None };
-    let delay_s = own.delay_s.take().or(beside).unwrap_or(0.0);
+    let delay_s = own.delay_s.take().or(found.delay_s).unwrap_or(0.0);
     let system = Model::TransferFunction(own.clone()).check().ok()?;
-    let (time_base, dt) = match own.sample_time_s {
-        None => (ModelTimeBase::Continuous, 0.0),
-        Some(period) => (ModelTimeBase::Discrete, period),
-    };
+    let (time_base, dt) = ModelTimeBase::of(own.sample_time_s);
     Some(ExportedModel {
-        pointer: place.iter().map(|segment| format!("/{segment}")).collect(),
+        pointer,
         time_base,
         sample_time_s: own.sample_time_s,
         dt,
@@ -227,11 +200,13 @@ fn matrices(result: &Value) -> BTreeMap<String, ExportedMatrix> {
     found
 }
 
-fn parameters(result: &Value) -> Vec<ExportedParameter> {
+/// The estimated parameters of a result, and their covariance where it has one of all of them.
+fn parameters(result: &Value) -> (Vec<ExportedParameter>, Option<Vec<Vec<f64>>>) {
     let best = result.get("best").and_then(Value::as_u64).and_then(|best| usize::try_from(best).ok());
-    let fitted = best.and_then(|best| result.get("fits")?.get(best)?.get("parameters"));
-    let list = [result.get("parameters"), result.pointer("/refined/uncertainty/parameters"), fitted];
-    let list = list.into_iter().flatten().find_map(Value::as_array);
+    let fitted = best.and_then(|best| result.get("fits")?.get(best));
+    let owners = [Some(result), result.pointer("/refined/uncertainty"), fitted];
+    let listed = |owner: &Value| Some((owner.get("parameters")?.as_array()?.clone(), owner.get("covariance").cloned()));
+    let Some((list, covariance)) = owners.into_iter().flatten().find_map(listed) else { return Default::default() };
     let number = |own: &Value, names: [&str; 2]| names.iter().find_map(|name| own.get(name)?.as_f64());
     let one = |own: &Value| {
         let ends = own.get("interval").or(own.get("interval_95")).filter(|ends| !ends.is_null());
@@ -242,18 +217,16 @@ fn parameters(result: &Value) -> Vec<ExportedParameter> {
             interval_95: ends.and_then(|ends| serde_json::from_value(ends.clone()).ok()),
         })
     };
-    list.into_iter().flatten().filter_map(one).collect()
+    let parameters: Vec<ExportedParameter> = list.iter().filter_map(one).collect();
+    let count = parameters.len();
+    let is_of_all = |rows: &Vec<Vec<f64>>| rows.len() == count && rows.iter().all(|row| row.len() == count);
+    (parameters, matrix(covariance.as_ref()).filter(is_of_all))
 }
 
-/// The systems of a report by their names.
+/// The systems of one input and one output of a report by their names.
 #[must_use]
 pub fn models(result: &Value) -> BTreeMap<String, ExportedModel> {
-    let mut found = Vec::new();
-    systems(result, &mut Vec::new(), &mut found);
-    let named = found.into_iter().filter_map(|(place, value, beside)| {
-        let own = exported(&place, value, beside)?;
-        Some((name(&place), own))
-    });
+    let named = found::systems(result).into_iter().filter_map(|own| Some((own.name(), exported(own)?)));
     named.collect()
 }
 
@@ -264,72 +237,23 @@ pub fn models(result: &Value) -> BTreeMap<String, ExportedModel> {
 pub fn export(report: &Report) -> Result<ModelExport, Problem> {
     let result = &report.result;
     let (models, matrices) = (models(result), matrices(result));
-    if models.is_empty() && matrices.is_empty() {
+    let (state_space, transfer_matrices) = multivariable::systems(result);
+    let has_systems = !models.is_empty() || !state_space.is_empty() || !transfer_matrices.is_empty();
+    if !has_systems && matrices.is_empty() {
         let why = format!("a result of {} has no models and no matrices", report.kind);
         return Err(Problem::new(Code::NotFound, "no models", why).mend("Read the report instead."));
     }
+    let (parameters, covariance) = parameters(result);
     Ok(ModelExport {
         kind: report.kind.to_string(),
         spec_sha256: report.provenance.spec_sha256.clone(),
         result_sha256: report.provenance.result_sha256.clone(),
         product_version: report.provenance.product_version.clone(),
         models,
+        state_space,
+        transfer_matrices,
         matrices,
-        parameters: parameters(result),
-        covariance: matrix(result.get("covariance")),
+        parameters,
+        covariance,
     })
-}
-
-fn optional(value: Option<f64>) -> MatValue {
-    MatValue::number(value.unwrap_or(f64::NAN))
-}
-
-/// As a file of MATLAB: a struct for each system (`num`, `den`, `Ts`, `delay_s`, `time_base`, and the response to
-/// compare with), a variable for each matrix and its covariance, and `volition`, which says where it is from.
-#[must_use]
-pub fn mat(export: &ModelExport) -> Vec<u8> {
-    let text = |text: &str| MatValue::Text(text.to_owned());
-    let mut variables = Vec::new();
-    for (name, own) in &export.models {
-        let part = |at: usize| own.response.value.iter().map(|z| z[at]).collect::<Vec<_>>();
-        let fields = [
-            ("num", MatValue::row(&own.num)),
-            ("den", MatValue::row(&own.den)),
-            ("Ts", MatValue::number(own.dt)),
-            ("delay_s", MatValue::number(own.delay_s)),
-            ("time_base", text(own.time_base.name())),
-            ("omega_rad_s", MatValue::row(&own.response.omega_rad_s)),
-            ("response_re", MatValue::row(&part(0))),
-            ("response_im", MatValue::row(&part(1))),
-            ("pointer", text(&own.pointer)),
-        ];
-        let fields = fields.map(|(name, value)| (name.to_owned(), value));
-        variables.push((name.clone(), MatValue::Struct(fields.into())));
-    }
-    for (name, own) in &export.matrices {
-        variables.push((name.clone(), MatValue::Matrix(own.value.clone())));
-        if let Some(covariance) = &own.covariance {
-            variables.push((format!("{name}_covariance"), MatValue::Matrix(covariance.clone())));
-        }
-    }
-    let estimates: Vec<Vec<f64>> = export
-        .parameters
-        .iter()
-        .map(|own| {
-            let [low, high] = own.interval_95.unwrap_or([f64::NAN; 2]);
-            vec![own.value.unwrap_or(f64::NAN), own.standard_error.unwrap_or(f64::NAN), low, high]
-        })
-        .collect();
-    let names: Vec<&str> = export.parameters.iter().map(|own| own.name.as_str()).collect();
-    let about = vec![
-        ("kind".to_owned(), text(&export.kind)),
-        ("spec_sha256".to_owned(), text(&export.spec_sha256)),
-        ("result_sha256".to_owned(), text(&export.result_sha256)),
-        ("product_version".to_owned(), text(&export.product_version)),
-        ("parameter_names".to_owned(), text(&names.join(","))),
-        ("parameters".to_owned(), MatValue::Matrix(estimates)),
-        ("covariance".to_owned(), export.covariance.clone().map_or(optional(None), MatValue::Matrix)),
-    ];
-    variables.push(("volition".to_owned(), MatValue::Struct(about)));
-    mat::write(&variables)
 }
