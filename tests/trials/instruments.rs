@@ -1,6 +1,6 @@
 //! Recordings as programs of laboratories write them: what each is taken for, or why it is refused and what to do.
 //!
-//! `tests/exchange/instruments.py` writes them, and `tests/golden/instruments.txt` says in one line what is made of each.
+//! `tests/exchange/instruments.py` writes them, and `tests/golden/instruments.txt` says in a line what is made of each.
 //! Where one is read, its signals are those that were written into it, bit for bit.
 
 use crate::layouts::{line, signals};

@@ -86,7 +86,7 @@ fn of_cell(text: &str, decimal_comma: bool) -> Option<String> {
     let is_grouped =
         text.bytes().filter(|byte| b".,'".contains(byte)).count() + text.matches([' ', '\u{a0}', '\u{202f}']).count();
     (rest.is_empty() && is_grouped > 0).then(|| {
-        "If it has a mark between thousands, export numbers without one (in Excel: the number format General, or 0.000)."
+        "If it has a mark between thousands, export numbers without one (in Excel: the number format General or 0.000)."
             .to_owned()
     })
 }

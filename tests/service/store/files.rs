@@ -404,8 +404,8 @@ async fn a_temporary_database_leaves_nothing_behind() {
     }
 }
 
-/// A change that takes nothing away that may name a person leaves the file as it is laid out; one that does is vacuumed,
-/// which counts the layout of the file up.
+/// A change that takes nothing away that may name a person leaves the file as it is laid out; one that does is
+/// vacuumed, which counts the layout of the file up.
 #[tokio::test]
 async fn only_what_may_name_a_person_is_scrubbed() {
     use volition::store::{SubjectPatch, TrialPatch};
