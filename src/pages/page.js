@@ -205,7 +205,10 @@
       for (const series of panel.series) {
         // A band says what its line does not; crosses say again what their dots say.
         if (!series.x.length || series.mark === 'crosses' || series.mark === 'cells') continue;
+        // Where marks say what they are, with their intervals, whiskers need not.
+        if (series.mark === 'bars' && panel.series.some((one) => one.notes.length)) continue;
         const at = nearest(series.x, x, far);
+        if (!series.notes[at] && (series.y.length ? series.y[at] : series.low[at]) == null) continue;
         if (far(series.x[at], x) <= far(...bounds(svg)) / 20) values.push(said(series, at));
       }
     }

@@ -9,7 +9,7 @@ use sqlx::{SqlSafeStr as _, SqliteConnection};
 use std::path::Path;
 
 /// The migrations, by version. The macro of sqlx that reads the folder would compile SQLite a second time.
-const MIGRATIONS: [(i64, &str, &str); 10] = [
+const MIGRATIONS: [(i64, &str, &str); 11] = [
     (1, "studies trials analyses", include_str!("../../migrations/0001_studies_trials_analyses.sql")),
     (2, "brackets", include_str!("../../migrations/0002_brackets.sql")),
     (3, "trial warnings", include_str!("../../migrations/0003_trial_warnings.sql")),
@@ -20,6 +20,7 @@ const MIGRATIONS: [(i64, &str, &str); 10] = [
     (12, "drafts", include_str!("../../migrations/0012_drafts.sql")),
     (15, "study reading", include_str!("../../migrations/0015_study_reading.sql")),
     (18, "trials left out", include_str!("../../migrations/0018_trials_left_out.sql")),
+    (26, "estimates again", include_str!("../../migrations/0026_estimates_again.sql")),
 ];
 
 /// `PRAGMA application_id` of our files ("VOLT"); the first migration writes it.

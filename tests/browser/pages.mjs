@@ -134,7 +134,7 @@ for (const width of [1280, 400]) {
   await page.press('Enter');
   await page.until(`/^time 0 s/.test(${text})`, 'Enter reads the first value');
   await page.press('ArrowRight');
-  await page.until(`/^time 0\\.[1-9]\\d* s/.test(${text})`, 'the arrow goes to the next');
+  await page.until(`/^time 0\\.\\d+ s/.test(${text})`, 'the arrow goes to the next');
   const stays = await page.value("Number(document.querySelector('.wide svg.fig').dataset.from)");
   assert.equal(stays, 0, 'while it reads, arrows do not move the view');
   await page.press('End');

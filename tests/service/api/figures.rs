@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 /// The names that a thing lists, each of which must answer in every format, with the same numbers in CSV and JSON as in
 /// the drawing.
-pub(super) async fn all_of(server: &TestServer, address: &str) -> Vec<String> {
+async fn all_of(server: &TestServer, address: &str) -> Vec<String> {
     let list = server.get(&format!("{address}/figures")).await.json(200);
     let mut names = Vec::new();
     for entry in list["figures"].as_array().unwrap() {
