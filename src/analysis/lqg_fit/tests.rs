@@ -140,7 +140,7 @@ fn what_is_wrong_is_named() {
         ("/spec/control_variance", Value::Null, "/spec/control_variance", "both recorded exactly"),
         ("/spec/control_variance", json!([[-1]]), "/spec/control_variance", "not positive semidefinite"),
         ("/spec/control", json!("not_used"), "/spec/control_variance", "no control is used"),
-        ("/spec/instrument_variance", json!([[0]]), "/spec/instrument_variance", "not positive definite"),
+        ("/spec/instrument_variance", json!([[-1]]), "/spec/instrument_variance", "not positive semidefinite"),
         ("/spec/control_weight", json!([[0]]), "/spec/control_weight", "not positive definite"),
         ("/spec/state_weight", json!([]), "/spec/state_weight", "has no term"),
         ("/spec/state_weight", q("q", json!([1])), "/spec/state_weight/0/diagonal", "1 entries and must have 2"),
