@@ -52,6 +52,24 @@ pub(super) fn check(design: &Design, spec: &LqgFitSpec) -> Result<(), Problem> {
         return Err(wrong("the first sample is the first state only where outputs are exact", "/spec/initial_state")
             .mend("Say that the instrument is exact (instrument_variance of zeros), or give the initial states."));
     }
+    if let Some(instrument) = instrument.as_ref().filter(|noise| is_exact(noise)) {
+        // What is recorded exactly must be moved by noise at every sample, or its density is none.
+        let b = &design.plant.b;
+        let moved = terms.iter().filter(|t| t.held != Some(0.0)).filter_map(|t| match t.role {
+            Role::ProcessNoise => Some(t.shape.clone()),
+            Role::MotorNoise | Role::ControlDependentNoise => Some(b * &t.shape * b.transpose()),
+            _ => None,
+        });
+        let moved = moved.fold(&design.plant.a * 0.0, |sum, m| sum + m);
+        let [shown, _] = design.recorded_rows();
+        if is_exact(&(shown * moved * shown.transpose() + instrument)) {
+            return Err(wrong(
+                "an output is recorded exactly, and no noise moves it from sample to sample: nothing is left to predict",
+                "/spec/instrument_variance",
+            )
+            .mend("Give the instrument's covariance, or a process noise that moves every recorded output."));
+        }
+    }
     let is_settled = design.start == Start::Settled;
     if is_settled && design.horizon.is_some() {
         return Err(wrong("a horizon that ends has no steady state to start from", "/spec/initial_state")

@@ -105,7 +105,7 @@ fn what_is_wrong_is_named() {
         ("/spec/sensory_delay_s", json!(0.05), "/spec/sensory_delay_s", "no whole number"),
         ("/spec/sensory_delay_s", json!(-0.02), "/spec/sensory_delay_s", "must not be negative"),
         ("/spec/sensory_delay_s", json!(0.9), "/spec/sensory_delay_s", "states"),
-        ("/spec/target", json!([[1]]), "/spec/target", "target"),
+        ("/spec/target", json!("cursor"), "/spec/target", "expected struct LqgFitTarget"),
         ("/spec/target", json!({"state": 7}), "/spec/target/state", "state 7"),
         ("/spec/target", json!({"state": 1}), "/spec/target/state", "does not move by itself"),
         ("/spec/initial_state", json!("first_sample"), "/spec/initial_state", "only where outputs are exact"),
@@ -140,7 +140,7 @@ fn what_is_wrong_is_named() {
         ("/spec/control_variance", Value::Null, "/spec/control_variance", "both recorded exactly"),
         ("/spec/control_variance", json!([[-1]]), "/spec/control_variance", "not positive semidefinite"),
         ("/spec/control", json!("not_used"), "/spec/control_variance", "no control is used"),
-        ("/spec/instrument_variance", json!([[0]]), "/spec/instrument_variance", "not positive definite"),
+        ("/spec/instrument_variance", json!([[-1]]), "/spec/instrument_variance", "not positive semidefinite"),
         ("/spec/control_weight", json!([[0]]), "/spec/control_weight", "not positive definite"),
         ("/spec/state_weight", json!([]), "/spec/state_weight", "has no term"),
         ("/spec/state_weight", q("q", json!([1])), "/spec/state_weight/0/diagonal", "1 entries and must have 2"),
@@ -206,6 +206,8 @@ fn what_a_horizon_or_noise_of_the_control_cannot_tell_is_named() {
     assert!(problem.detail.contains("no steady state"), "{problem}");
     value["spec"]["initial_state"] = json!("rest");
     value["spec"]["control_dependent_noise"] = json!({"name": "c"});
+    assert_eq!(parse(&value).unwrap_err().location.as_deref(), Some("/spec/horizon/initial_covariance"));
+    value["spec"]["horizon"] = json!({"initial_covariance": []});
     value["spec"]["process_noise"] = json!([]);
     value["spec"]["motor_noise"] = json!([{"name": "additive", "diagonal": [1]}]);
     let problem = parse(&value).unwrap_err();

@@ -18,8 +18,8 @@ use std::ops::Range;
 
 /// For so many steps the recursion stands still, so that a slow mode is not passed over.
 const STILL_STEPS: usize = 10;
-/// Steps between two questions whether to go on.
-const STEPS_BETWEEN_CHECKS: usize = 500;
+/// Products of numbers between two questions whether to go on, of a step of width³.
+const PRODUCTS_BETWEEN_CHECKS: usize = 32_000;
 
 /// The predictor.
 pub(super) struct Course<'a> {
@@ -90,8 +90,9 @@ impl<'a> Course<'a> {
             covariance: Jet::zeros(width, width, count),
         });
         let mut still = 0;
+        let between = (PRODUCTS_BETWEEN_CHECKS / width.pow(3)).max(1);
         for k in 0..longest {
-            if k % STEPS_BETWEEN_CHECKS == 0 {
+            if k % between == 0 {
                 ctl.check()?;
             }
             let told = design.told(k);

@@ -21,6 +21,8 @@ use super::jet::Jet;
 use super::stationary::{filter, regulator};
 use nalgebra::{DMatrix, DVector};
 
+/// Steps between two questions whether to go on.
+const STEPS_BETWEEN_QUESTIONS: usize = 8;
 /// Gains that a step moves by less than this share of their norm stand still.
 const STILL: f64 = 1e-14;
 /// For so many steps.
@@ -56,6 +58,9 @@ impl Gains {
         self.places.len()
     }
 }
+
+/// Whether somebody asked to stop.
+type IsStopped<'a> = &'a dyn Fn() -> bool;
 
 /// What the gains are made of.
 struct Parts {
@@ -164,11 +169,20 @@ impl Still {
 }
 
 /// The gains of every control up to an end, from the last to the first one gone through; fewer where they stand still.
-fn backward(parts: &Parts, terminal: &Jet, l: &dyn Fn(usize) -> Jet, steps: usize) -> Option<Vec<Jet>> {
+fn backward(
+    parts: &Parts,
+    terminal: &Jet,
+    l: &dyn Fn(usize) -> Jet,
+    steps: usize,
+    is_stopped: IsStopped<'_>,
+) -> Option<Vec<Jet>> {
     let mut cost = Cost { x: terminal.clone(), y: parts.zeros() };
     let mut found: Vec<Jet> = Vec::new();
     let mut still = Still { share: STILL, steps: 0 };
     for at in (0..steps).rev() {
+        if at % STEPS_BETWEEN_QUESTIONS == 0 && is_stopped() {
+            return None;
+        }
         let k = parts.k(&cost)?;
         if !k.is_finite() {
             return None;
@@ -184,11 +198,20 @@ fn backward(parts: &Parts, terminal: &Jet, l: &dyn Fn(usize) -> Jet, steps: usiz
 }
 
 /// The filter's gains of every sample; fewer where they stand still.
-fn forward(parts: &Parts, first: Belief, k: &dyn Fn(usize) -> Jet, samples: usize) -> Option<Vec<Jet>> {
+fn forward(
+    parts: &Parts,
+    first: Belief,
+    k: &dyn Fn(usize) -> Jet,
+    samples: usize,
+    is_stopped: IsStopped<'_>,
+) -> Option<Vec<Jet>> {
     let mut belief = first;
     let mut found: Vec<Jet> = Vec::new();
     let mut still = Still { share: STILL, steps: 0 };
     for at in 0..samples {
+        if at % STEPS_BETWEEN_QUESTIONS == 0 && is_stopped() {
+            return None;
+        }
         let update = parts.update(&belief)?;
         if !update.is_finite() {
             return None;
@@ -214,37 +237,43 @@ impl Design {
     /// end; `None` where there are none. `belief` is where the person's belief starts, zero where nothing is said.
     #[must_use]
     pub fn gains_by_sample(&self, theta: &[f64], belief: Option<&DVector<f64>>) -> Option<Vec<[DMatrix<f64>; 2]>> {
-        let gains = self.gains(theta, false, belief)?;
+        let gains = self.gains(theta, false, belief, &|| false)?;
         Some((0..gains.len()).map(|sample| gains.at(sample).map(Jet::matrix)).collect())
     }
 
-    /// The gains at θ, with derivatives if asked; `None` where there are none. `belief` is where the person's belief
+    /// The gains at θ, with derivatives if asked; `None` where there are none, or somebody asked to stop. `belief` is where the person's belief
     /// starts: with noise that grows with the control the filter depends on it.
     ///
     /// # Panics
     /// If θ has another length than there are free terms, which is a mistake of the caller.
-    pub(super) fn gains(&self, theta: &[f64], slopes: bool, belief: Option<&DVector<f64>>) -> Option<Gains> {
+    pub(super) fn gains(
+        &self,
+        theta: &[f64],
+        slopes: bool,
+        belief: Option<&DVector<f64>>,
+        is_stopped: IsStopped<'_>,
+    ) -> Option<Gains> {
         assert_eq!(theta.len(), self.free().count(), "parameters of an LQG person");
         let plant = self.internal();
         let parts = self.parts(theta, slopes);
         let is_grown = parts.u.is_some();
         match self.horizon {
-            None if is_grown => self.coupled_without_end(theta, slopes),
+            None if is_grown => self.coupled_without_end(theta, slopes, is_stopped),
             None => {
                 let k = regulator(&plant.a, &plant.b, &parts.q, &parts.r)?;
                 let l = filter(&plant.a, &plant.c, &parts.w, &parts.v, self.timing)?;
                 Some(Gains { k: vec![k], l: vec![l], places: vec![[0, 0]] })
             }
-            Some(horizon) if is_grown => self.coupled(theta, slopes, horizon, belief),
+            Some(horizon) if is_grown => self.coupled(theta, slopes, horizon, belief, is_stopped),
             Some(horizon) => {
                 let zero = |_: usize| parts.zeros();
                 let terminal = self.square(theta, Role::TerminalWeight, slopes);
-                let k = backward(&parts, &terminal, &zero, horizon.steps)?;
+                let k = backward(&parts, &terminal, &zero, horizon.steps, is_stopped)?;
                 let l = if horizon.filter == FilterStart::Settled {
                     vec![filter(&plant.a, &plant.c, &parts.w, &parts.v, self.timing)?]
                 } else {
                     let first = Belief { s: self.square(theta, Role::InitialCovariance, slopes), z: parts.zeros() };
-                    forward(&parts, first, &zero, horizon.steps + 1)?
+                    forward(&parts, first, &zero, horizon.steps + 1, is_stopped)?
                 };
                 Some(timed(k, l, horizon))
             }
@@ -281,7 +310,7 @@ impl Design {
         if slopes { &[false, true] } else { &[false] }
     }
 
-    fn coupled_without_end(&self, theta: &[f64], slopes: bool) -> Option<Gains> {
+    fn coupled_without_end(&self, theta: &[f64], slopes: bool, is_stopped: IsStopped<'_>) -> Option<Gains> {
         let mut cost: Option<Cost> = None;
         let mut belief: Option<Belief> = None;
         let mut found = None;
@@ -299,7 +328,10 @@ impl Design {
             );
             let mut last: Option<[Jet; 2]> = None;
             let mut still = [0.1, 0.1].map(|share| Still { share: COUPLED * share, steps: 0 });
-            for _ in 0..ITERATIONS {
+            for iteration in 0..ITERATIONS {
+                if iteration % STEPS_BETWEEN_QUESTIONS == 0 && is_stopped() {
+                    return None;
+                }
                 let k = parts.k(&c)?;
                 let update = parts.update(&b)?;
                 let l = parts.timed(update.clone());
@@ -329,7 +361,14 @@ impl Design {
     }
 
     /// Of a filter that starts from S_0 before the first sample.
-    fn coupled(&self, theta: &[f64], slopes: bool, horizon: Horizon, start: Option<&DVector<f64>>) -> Option<Gains> {
+    fn coupled(
+        &self,
+        theta: &[f64],
+        slopes: bool,
+        horizon: Horizon,
+        start: Option<&DVector<f64>>,
+        is_stopped: IsStopped<'_>,
+    ) -> Option<Gains> {
         let order = self.internal().a.nrows();
         let start = start.cloned().unwrap_or_else(|| DVector::zeros(order));
         let moment = &start * start.transpose();
@@ -354,10 +393,11 @@ impl Design {
             );
             let mut has_arrived = false;
             for _ in 0..SWEEPS {
-                let mut next_k = backward(&parts, &terminal, &|at| l[at].clone(), horizon.steps)?;
+                let mut next_k = backward(&parts, &terminal, &|at| l[at].clone(), horizon.steps, is_stopped)?;
                 next_k.reverse();
                 let last = next_k.len() - 1;
-                let next_l = forward(&parts, first(), &|at| next_k[at.min(last)].clone(), horizon.steps + 1)?;
+                let control = |at: usize| next_k[at.min(last)].clone();
+                let next_l = forward(&parts, first(), &control, horizon.steps + 1, is_stopped)?;
                 has_arrived = are_near(&next_k, &k) && are_near(&next_l, &l);
                 (k, l) = (next_k, next_l);
                 if has_arrived {

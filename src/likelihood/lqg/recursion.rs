@@ -280,7 +280,11 @@ impl<'a> Problem<'a> {
     /// The predictor of a group's trials.
     fn course(&self, group: &Group, theta: &[f64], slopes: bool, ctl: &Ctl) -> Result<Option<Course<'a>>, Stopped> {
         let longest = group.trials.iter().map(|(_, trial)| trial.measured.ncols()).max().unwrap_or(0);
-        let Some(gains) = self.design.gains(theta, slopes, Some(&group.belief)) else { return Ok(None) };
+        let Some(gains) = self.design.gains(theta, slopes, Some(&group.belief), &|| ctl.check().is_err()) else {
+            // There are none, or somebody asked to stop on the way.
+            ctl.check()?;
+            return Ok(None);
+        };
         let first = group.trials.first().map(|(_, trial)| trial);
         Course::new(self.design, self.design.joints(theta, &gains, slopes), first, longest, ctl)
     }

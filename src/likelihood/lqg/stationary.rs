@@ -190,7 +190,7 @@ impl Design {
     /// If θ has another length than there are free terms, which is a mistake of the caller.
     #[must_use]
     pub fn member(&self, theta: &[f64], slopes: bool) -> Option<Member> {
-        let gains = self.gains(theta, slopes, None)?;
+        let gains = self.gains(theta, slopes, None, &|| false)?;
         let [k, l] = gains.at(0);
         let own = self.internal().a.nrows();
         let zero = DMatrix::zeros(own, own);

@@ -10,7 +10,7 @@ use nalgebra::DMatrix;
 /// Samples of a trial between two questions whether to go on.
 const SAMPLES_BETWEEN_CHECKS: usize = 20_000;
 /// The same where each has a covariance of its own.
-const STEPS_BETWEEN_CHECKS: usize = 200;
+const STEPS_BETWEEN_CHECKS: usize = 5;
 
 /// A trial as the recursion takes it, sample by sample.
 #[derive(Debug, Clone, PartialEq)]
