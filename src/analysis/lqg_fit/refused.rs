@@ -64,7 +64,7 @@ pub(super) fn check(design: &Design, spec: &LqgFitSpec) -> Result<(), Problem> {
         let [shown, _] = design.recorded_rows();
         if is_exact(&(shown * moved * shown.transpose() + instrument)) {
             return Err(wrong(
-                "an output is recorded exactly, and no noise moves it from sample to sample: nothing is left to predict",
+                "an output is recorded exactly, and no noise moves it between samples: nothing is left to predict",
                 "/spec/instrument_variance",
             )
             .mend("Give the instrument's covariance, or a process noise that moves every recorded output."));

@@ -241,8 +241,8 @@ impl Design {
         Some((0..gains.len()).map(|sample| gains.at(sample).map(Jet::matrix)).collect())
     }
 
-    /// The gains at θ, with derivatives if asked; `None` where there are none, or somebody asked to stop. `belief` is where the person's belief
-    /// starts: with noise that grows with the control the filter depends on it.
+    /// The gains at θ, with derivatives if asked; `None` where there are none, or somebody asked to stop. `belief` is
+    /// where the person's belief starts: with noise that grows with the control the filter depends on it.
     ///
     /// # Panics
     /// If θ has another length than there are free terms, which is a mistake of the caller.

@@ -117,7 +117,8 @@ pub(super) struct Walker<const N: usize> {
 const TOGETHER: usize = 4;
 
 /// The likelihood of trials of one course; the information is that of the prediction errors, and traces are left to
-/// [`Course::add_traces`] where covariances are those of all trials. `None` where a covariance is not positive definite.
+/// [`Course::add_traces`] where covariances are those of all trials. `None` where a covariance is not positive
+/// definite.
 ///
 /// # Errors
 /// [`Stopped`] when `ctl` says so.
