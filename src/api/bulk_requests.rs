@@ -84,7 +84,9 @@ impl Alike {
         if each == BulkEach::Trial {
             return trials.iter().map(|trial| self.request("trial", json!(trial.id))).collect();
         }
-        let mut groups: Vec<((SubjectId, Option<i64>), Vec<TrialId>)> = Vec::new();
+        /// A subject, or one of its sessions.
+        type Group = (SubjectId, Option<i64>);
+        let mut groups: Vec<(Group, Vec<TrialId>)> = Vec::new();
         for trial in trials {
             let key = (trial.subject, trial.session.filter(|_| each == BulkEach::Session));
             match groups.iter_mut().find(|(own, _)| *own == key) {

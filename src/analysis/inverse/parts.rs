@@ -154,7 +154,7 @@ pub struct DescentCourse {
 impl DescentCourse {
     pub(super) fn new(found: &Descent) -> Self {
         let last = found.values.len().saturating_sub(1);
-        let points = last.min(COURSE - 1).max(1);
+        let points = last.clamp(1, COURSE - 1);
         let mut step: Vec<usize> = (0..=points).map(|k| (k * last + points / 2) / points).collect();
         step.dedup();
         let of = |values: &[f64]| step.iter().filter_map(|at| values.get(*at).copied()).collect();

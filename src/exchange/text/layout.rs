@@ -213,7 +213,7 @@ fn first_sample(cuts: &[Cut], width: usize, decimal_comma: bool) -> Option<usize
         .collect();
     let fits = |at: usize, kinds: &[Kind]| {
         let words = kinds.iter().zip(&numeric).any(|(kind, numeric)| *numeric && *kind == Kind::Text);
-        !words && !(numeric[0] && kinds[0] == Kind::Empty && cuts[at].are_counts())
+        !(words || numeric[0] && kinds[0] == Kind::Empty && cuts[at].are_counts())
     };
     samples.iter().find(|(at, kinds)| fits(*at, kinds)).or(samples.first()).map(|(at, _)| *at)
 }

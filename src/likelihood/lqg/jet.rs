@@ -120,7 +120,7 @@ impl Jet {
         self.with(other, (self.rows, other.rows), &|out, a, b| add_transposed(out, a, b, shape, 1.0))
     }
 
-    fn with(&self, other: &Self, (rows, columns): (usize, usize), add: &dyn Fn(&mut [f64], &[f64], &[f64])) -> Self {
+    fn with(&self, other: &Self, (rows, columns): (usize, usize), add: &impl Fn(&mut [f64], &[f64], &[f64])) -> Self {
         let mut found = Self::zeros(rows, columns, self.count.max(other.count));
         add(&mut found.value, &self.value, &other.value);
         for i in 0..found.count {
