@@ -17,7 +17,7 @@ use volition::control::Model;
 use volition::jobs::Status;
 use volition::num::hexadecimal::hexadecimal;
 use volition::store::{
-    AnalysisFilter, NewAnalysis, NewPlant, NewStudy, NewSubject, NewTrial, Page, SignalUnits, Store,
+    AnalysisFilter, NewAnalysis, NewPlant, NewStudy, NewSubject, NewTrial, Page, SignalUnits, Store, StudyReading,
 };
 use volition::trial::{Signals, Trial};
 
@@ -57,7 +57,12 @@ async fn run() {
 
 /// One of each by the store itself, and the rest as copies of those rows.
 async fn fill(store: &Store, path: &Path, analyses: usize) {
-    let study = NewStudy { name: "full".into(), description: String::new(), display_limit: None };
+    let study = NewStudy {
+        name: "full".into(),
+        description: String::new(),
+        display_limit: None,
+        reading: StudyReading::default(),
+    };
     let study = store.create_study(study, None).await.unwrap().into_inner().id;
     let model: Model = serde_json::from_value(json!({"num": [1.0], "den": [1.0, 0.1, 0.0]})).unwrap();
     let new = NewPlant { name: "mass".into(), model: model.clone(), units: SignalUnits::default() };
@@ -81,6 +86,7 @@ async fn fill(store: &Store, path: &Path, analyses: usize) {
             spec_sha256: "5".repeat(64),
             trials: vec![trial],
             plants: Vec::new(),
+            analyses: Vec::new(),
         };
         store.create_analysis(new, None).await.unwrap();
     }

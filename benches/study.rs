@@ -19,7 +19,7 @@ use volition::learning::time_domain::metrics;
 use volition::num::hexadecimal::hexadecimal;
 use volition::num::{Complex64, rng};
 use volition::plants::catalogue;
-use volition::store::{NewPlant, NewStudy, NewSubject, NewTrial, SignalUnits, Store};
+use volition::store::{NewPlant, NewStudy, NewSubject, NewTrial, SignalUnits, Store, StudyReading};
 use volition::trial::{Signals, Trial};
 use volition::worker::{Analyses, Folder, PoolMemo, Worker, WorkerSettings};
 
@@ -156,7 +156,12 @@ impl Service {
 
 /// Stores the study; its id.
 async fn fill(store: &Store, per_subject: u32) -> String {
-    let new = NewStudy { name: "bench".to_owned(), description: String::new(), display_limit: None };
+    let new = NewStudy {
+        name: "bench".to_owned(),
+        description: String::new(),
+        display_limit: None,
+        reading: StudyReading::default(),
+    };
     let study = store.create_study(new, None).await.unwrap().into_inner().id;
     let plant = System::Continuous(catalogue::two_mass());
     let model = plant.to_model();
