@@ -2,8 +2,8 @@
 //!
 //! `cargo bench --bench optimality` simulates 200 persons a row, `-- --sets N` as many as wanted: a pendulum that falls
 //! in half a second, pushed by ±0.5 held for 0.3 s, its angle recorded for 60 s at 50 Hz with white noise. It prints
-//! how often the ratio test speaks against optimality at 5 %, and asserts its size on the cone's boundary and with fewer
-//! weights than gains: 5 % ± 2 for 200 persons and more.
+//! how often the ratio test speaks against optimality at 5 %, and asserts its size on the boundary of the cone and with
+//! fewer weights than gains: 5 % ± 2 for 200 persons and more.
 #![allow(missing_docs, unreachable_pub, clippy::unwrap_used, clippy::print_stdout)]
 
 use nalgebra::{DMatrix, DVector};
