@@ -186,8 +186,10 @@ pub(crate) async fn gather(
     Ok(gathered)
 }
 
-/// The remark that excluded trials are left out.
-pub(super) const EXCLUDED_LEFT_OUT: &str = "excluded_left_out";
+/// What was said of trials that somebody excluded; `None` where none was left out.
+pub(super) fn left_out_in(remarks: &[Remark]) -> Option<&Remark> {
+    remarks.iter().find(|remark| remark.code == "excluded_left_out")
+}
 
 /// Excluded trials that a remark names at most.
 const NAMED: usize = 20;
@@ -204,7 +206,7 @@ fn left_out(excluded: &[TrialRecord]) -> Option<Remark> {
         named.push(format!("and {more} more"));
     }
     (!excluded.is_empty()).then(|| Remark {
-        code: EXCLUDED_LEFT_OUT.to_owned(),
+        code: "excluded_left_out".to_owned(),
         message: format!("{} excluded trials are left out: {}", excluded.len(), named.join("; ")),
     })
 }

@@ -305,7 +305,7 @@ for (const width of [1280, 400]) {
   await judge(page, 'analysis-followed', filled);
   writeFileSync(join(out, 'analysis-followed.png'), await page.picture());
 
-  const long = await post('/v1/analyses', { kind: 'ssid', inputs: { trial: found.trials[0].id }, spec: thinned(2, 2, 1) });
+  const long = await post('/v1/analyses', { kind: 'ssid', inputs: { trial: found.trials[0].id }, spec: { pool: 'zhang2015_appendix_c' } });
   await page.go(`${filled}/analyses/${long.id}`);
   await page.until("document.querySelector('.status')?.textContent === 'running' && document.querySelector('progress')", 'it runs');
   writeFileSync(join(out, 'analysis-running.png'), await page.picture());

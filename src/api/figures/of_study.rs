@@ -7,7 +7,7 @@ use crate::analysis::{Code, Problem};
 use crate::api::etag::{self, IfNoneMatch};
 use crate::api::extract::{FromQuery, Id, Params, QueryText, off_thread};
 use crate::api::frequency_responses::trial_selection;
-use crate::api::learning_inputs::{CurveQuery, EXCLUDED_LEFT_OUT, Gathered, everything, gather};
+use crate::api::learning_inputs::{CurveQuery, Gathered, everything, gather, left_out_in};
 use crate::api::named::Named;
 use crate::api::problem::{ApiResult, internal};
 use crate::api::state::AppState;
@@ -109,7 +109,7 @@ pub(crate) fn mean_controllers(gathered: &Gathered, trial: TrialSelection, optio
 
 /// A figure with the trials that somebody excluded named in its caption.
 pub(crate) fn naming_excluded(mut figure: Figure, remarks: &[Remark]) -> Figure {
-    if let Some(remark) = remarks.iter().find(|remark| remark.code == EXCLUDED_LEFT_OUT) {
+    if let Some(remark) = left_out_in(remarks) {
         let mut letters = remark.message.chars();
         let sentence: String = letters.next().into_iter().flat_map(char::to_uppercase).chain(letters).collect();
         figure.caption = format!("{sentence}. {}", figure.caption);

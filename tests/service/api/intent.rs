@@ -10,7 +10,7 @@ use volition::control::{Continuous, Discrete, StateSpace};
 use volition::num::rng;
 
 /// The plant ẍ = 2x + u + d, and the gain of the person who balances it.
-const K: [f64; 2] = [6.0, 3.0];
+const K: [f64; 2] = [6.0, 4.0];
 
 /// A lab with the plant, whose subjects are added by [`person`].
 async fn lab(server: &TestServer) -> Lab {
@@ -82,7 +82,7 @@ async fn two_requests_lead_from_a_subject_to_the_cost() {
     let mut lab = lab(&server).await;
     let (subject, trials) = person(&server, &mut lab, "s01", 31).await;
     let excluded = server.upload_csv(&lab, "&number=3&session=2", recording(40)).await.id(201);
-    let reason = json!({"excluded": "fell asleep"});
+    let reason = json!({"excluded": {"reason": "The subject fell asleep."}});
     server.patch(&format!("/v1/trials/{excluded}"), &reason).await.json(200);
 
     let fit = queued(&server, &json!({"kind": "gain_fit", "inputs": {"subject": subject}, "spec": quick()})).await;
@@ -165,7 +165,8 @@ async fn what_stands_for_nothing_is_refused_with_the_way_on() {
     let mut lab = lab(&server).await;
     let (subject, trials) = person(&server, &mut lab, "s01", 70).await;
     let nobody = server.subject(&lab.study, "s02").await;
-    let response = queued(&server, &json!({"kind": "frequency_response", "inputs": {"trial": trials[0]}})).await;
+    let by_hand = json!({"a": [[0, 1], [2, 0]], "b": [[0], [1]], "k": [[6, 4]]});
+    let other = queued(&server, &json!({"kind": "inverse_lqr", "inputs": by_hand})).await;
     let fit = queued(&server, &json!({"kind": "gain_fit", "inputs": {"subject": subject}, "spec": quick()})).await;
     let waiting = json!({"kind": "inverse_lqr", "inputs": {"analysis": fit}});
     let problem = server.post("/v1/analyses", &waiting).await.problem(409, "conflict");
@@ -175,7 +176,7 @@ async fn what_stands_for_nothing_is_refused_with_the_way_on() {
     for (kind, inputs, place, words) in [
         ("inverse_lqr", json!({"analysis": absent}), "/inputs/analysis", "there is no analysis"),
         ("inverse_lqr", json!({"analysis": "x"}), "/inputs/analysis", "UUID"),
-        ("inverse_lqr", json!({"analysis": response}), "/inputs/analysis", "frequency_response"),
+        ("inverse_lqr", json!({"analysis": other}), "/inputs/analysis", "of kind inverse_lqr"),
         ("inverse_lqe", json!({"analysis": fit}), "/inputs/analysis", "did not estimate the filter"),
         ("inverse_lqr", json!({"analysis": fit, "explanation": 1}), "/inputs/explanation", "0 twins"),
         ("inverse_lqr", json!({"analysis": fit, "k": [[1.0]]}), "/inputs/k", "unknown field"),
