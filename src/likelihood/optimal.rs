@@ -322,11 +322,13 @@ pub fn ratio_test<P: PlantModel>(
             let along = directions.tr_mul(&drawn);
             let shares = nonnegative::minimise(&gram, &-&along, 1e-12 * along.amax());
             let distance = (drawn - &directions * shares).norm_squared();
-            larger += usize::from(distance >= ratio);
-            inside += usize::from(distance < 1e-9);
+            larger += u32::from(distance >= ratio);
+            inside += u32::from(distance < 1e-9);
         }
-        let share = |count: usize| count as f64 / NULL_DRAWS as f64;
-        (share(larger), Null::Mixture { draws: NULL_DRAWS, inside: share(inside) })
+        let inside = f64::from(inside) / NULL_DRAWS as f64;
+        // The ratio itself is one of the draws: so many of them cannot tell a probability of zero.
+        let p_value = f64::from(larger + 1) / (NULL_DRAWS + 1) as f64;
+        (p_value, Null::Mixture { draws: NULL_DRAWS, inside })
     };
     Some(RatioTest { ratio, p_value, null, at_zero })
 }
